@@ -94,7 +94,7 @@ pub enum Command {
     /// Whether two meshes are the same within a tolerance, and where they differ. Exit status: 0 same, 1 different, 2 could
     /// not compare.
     Diff(DiffArgs),
-    /// Write the trajectory or map of a sequence, or a mesh or lines, in the format of another program.
+    /// Write the trajectory or map of a sequence, or a mesh, lines or a cloud, in the format of another program.
     Convert(ConvertArgs),
     /// The surface from lines beside that from map points, from the same keyframes: numbers, pictures, page.
     Compare(CompareArgs),
@@ -115,6 +115,10 @@ pub struct SequenceArgs {
     /// Layout in place of the one that is recognised first.
     #[arg(long, value_name = "NAME")]
     pub layout: Option<String>,
+
+    /// COLMAP model of a folder with several, as its number or folder (`1`, `sparse/1`); default: the one with the most images.
+    #[arg(long, value_name = "MODEL")]
+    pub model: Option<String>,
 
     /// Trajectory in place of the poses of the layout: TUM, EuRoC, KITTI or Open3D, in seconds or nanoseconds.
     #[arg(long, value_name = "FILE")]

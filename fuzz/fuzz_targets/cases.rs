@@ -12,6 +12,7 @@ use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2};
 use serde::Serialize;
 use tempfile::TempDir;
 
+use crate::folder_writers::{write_pose_folder, write_replica};
 use crate::geometry_files::write_geometry_files;
 use crate::support::{
     color_image, depth_image, poses, write_open3d, write_seven_scenes, write_tum,
@@ -94,6 +95,7 @@ impl Cases {
                 }
             }
         }
+        cases.add_folders();
         cases.add_images();
         cases.add_trajectories();
         cases.add_geometry();
@@ -152,10 +154,22 @@ impl Cases {
         });
     }
 
+    /// The text files of folders as other programs leave them.
+    fn add_folders(&mut self) {
+        let folder = self.folder();
+        write_pose_folder(&folder);
+        for file in ["pose/0.txt", "intrinsics.txt"] {
+            self.add_existing(Kind::Sequence, &folder, Path::new(file));
+        }
+        let above = self.folder();
+        write_replica(&above);
+        self.add_existing(Kind::Sequence, &above.join("room0"), Path::new("traj.txt"));
+    }
+
     /// An image in each format, whatever its name says.
     fn add_images(&mut self) {
-        use image::ImageFormat::{Jpeg, Pnm, Tiff};
-        for format in [Jpeg, Pnm, Tiff] {
+        use image::ImageFormat::{Bmp, Jpeg, Pnm, Tiff, WebP};
+        for format in [Jpeg, Pnm, Tiff, Bmp, WebP] {
             let folder = self.folder();
             write_seven_scenes(&folder, 1);
             let mut bytes = std::io::Cursor::new(Vec::new());

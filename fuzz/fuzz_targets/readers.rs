@@ -12,6 +12,8 @@
 #![no_main]
 #![allow(dead_code, reason = "the tests of layouts use more of the writers")]
 
+#[path = "../../sequence/tests/layouts/folder_writers.rs"]
+mod folder_writers;
 #[path = "../../sequence/tests/layouts/geometry_files.rs"]
 mod geometry_files;
 #[path = "../../sequence/tests/layouts/support.rs"]

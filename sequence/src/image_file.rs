@@ -4,7 +4,8 @@ use std::fs::File;
 use std::io::{Cursor, Read};
 use std::path::Path;
 
-use image::{DynamicImage, ImageFormat, ImageReader};
+use image::metadata::Orientation;
+use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use linecarve_lines::image::{GrayImage, Plane};
 use linecarve_mesh::files::open_regular;
 
@@ -52,6 +53,25 @@ pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
         return Err(undecodable(path, "the image has no pixels".to_owned()));
     }
     Ok(size)
+}
+
+/// How a tag says that the pixels of an image are to be shown, when that is not as they are stored; `None` also for images that cannot be
+/// read. Pixels are always read as they are stored.
+pub(super) fn orientation(path: &Path) -> Option<Orientation> {
+    let bytes = read(path).ok()?;
+    let format = image::guess_format(&bytes).ok()?;
+    let reader = ImageReader::with_format(Cursor::new(&bytes), format);
+    let found = reader.into_decoder().ok()?.orientation().ok()?;
+    (found != Orientation::NoTransforms).then_some(found)
+}
+
+/// Whether an orientation exchanges width and height.
+pub(super) fn exchanges_sides(orientation: Orientation) -> bool {
+    use Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
+    matches!(
+        orientation,
+        Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH
+    )
 }
 
 /// Decodes an image; its bytes decide the format, not its name. The size is checked before memory is allocated, since
@@ -186,6 +206,8 @@ mod tests {
             ImageFormat::Jpeg,
             ImageFormat::Pnm,
             ImageFormat::Tiff,
+            ImageFormat::Bmp,
+            ImageFormat::WebP,
         ] {
             let bytes = encode(&picture(), format);
             assert!(decode_bytes(&bytes).is_ok(), "{format:?}");
@@ -213,13 +235,15 @@ mod tests {
     proptest! {
         #[test]
         fn damaged_images_are_decoded_or_refused(
-            which in 0_usize..4,
+            which in 0_usize..6,
             flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
         ) {
             let mut bytes = match which {
                 0 => encode(&picture(), ImageFormat::Png),
                 1 => encode(&picture(), ImageFormat::Jpeg),
                 2 => encode(&depth(), ImageFormat::Pnm),
+                3 => encode(&picture(), ImageFormat::Bmp),
+                4 => encode(&picture(), ImageFormat::WebP),
                 _ => encode(&depth(), ImageFormat::Tiff),
             };
             for (at, value) in flips {

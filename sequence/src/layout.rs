@@ -125,6 +125,8 @@ pub(super) struct Folder {
     names: Vec<String>,
     /// The file that the user named, if any.
     file: Option<String>,
+    /// Folder of the COLMAP model that the user named, if any.
+    model: Option<PathBuf>,
     /// Names of the entries that a reader asked for.
     claimed: RefCell<BTreeSet<String>>,
 }
@@ -161,6 +163,7 @@ impl Folder {
             path: path.to_owned(),
             names,
             file: None,
+            model: None,
             claimed: RefCell::default(),
         })
     }
@@ -178,6 +181,16 @@ impl Folder {
     /// The file that the user named, if any.
     pub(super) fn file(&self) -> Option<&str> {
         self.file.as_deref()
+    }
+
+    /// Folder of the COLMAP model that the user named, if any.
+    pub(super) fn model(&self) -> Option<&Path> {
+        self.model.as_deref()
+    }
+
+    /// Names the folder of the COLMAP model to read.
+    pub(super) fn set_model(&mut self, path: PathBuf) {
+        self.model = Some(path);
     }
 
     /// Path of the folder.
@@ -247,8 +260,9 @@ fn not_a_folder(path: &Path) -> SequenceError {
 }
 
 /// Supported image extensions, in order of preference; arrays are for depth.
-pub(super) const IMAGE_EXTENSIONS: [&str; 8] =
-    ["png", "jpg", "jpeg", "ppm", "pgm", "tif", "tiff", "npy"];
+pub(super) const IMAGE_EXTENSIONS: [&str; 10] = [
+    "png", "jpg", "jpeg", "ppm", "pgm", "tif", "tiff", "bmp", "webp", "npy",
+];
 
 /// File name without its image extension; `None` if it is not an image.
 pub(super) fn image_stem(name: &str) -> Option<&str> {

@@ -1,8 +1,10 @@
 #![doc = include_str!("../README.md")]
 
+mod assemble;
 mod associate;
 mod bytes;
 mod calibration;
+mod color_sizes;
 mod depth_image;
 mod downsampling;
 mod error;

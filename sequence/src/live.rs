@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::{Camera, CameraCorrection};
 use nalgebra::Isometry3;
 
+use super::assemble::{assemble, extrinsics};
 use super::calibration::Calibration;
 use super::layout::{RecordedFrame, Recording};
-use super::open::{assemble, extrinsics};
 use super::pose_convention::{Extrinsics, PoseConvention};
 use super::sidecar::Sidecar;
 use super::{Frame, Sequence, SequenceError};
@@ -139,6 +139,17 @@ impl LiveSequence {
     /// If an index is out of range.
     pub fn set_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
         self.sequence.set_poses(poses);
+    }
+
+    /// Replaces what was recorded of the poses of frames, as the calibration reads them; [`set_poses`](Self::set_poses) says where the
+    /// colour cameras are.
+    ///
+    /// # Panics
+    /// If an index is out of range.
+    pub fn set_recorded_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
+        for (frame, pose) in poses {
+            self.sequence.recorded_poses[frame] = pose;
+        }
     }
 
     /// As [`Sequence::set_fitted_poses`].

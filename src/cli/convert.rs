@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 /// Arguments of `convert`.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// A sequence (folder or model file), or a mesh or line file (OBJ, PLY, GLB, STL).
+    /// A sequence (folder or model file), or a file of a mesh, lines or a cloud (OBJ, PLY, GLB, STL).
     pub input: PathBuf,
 
     /// What to write: a file, or for COLMAP a folder, which is made when missing.
@@ -22,6 +22,10 @@ pub struct ConvertArgs {
     /// Layout of the sequence in place of the one that is recognised first.
     #[arg(long, value_name = "NAME")]
     pub layout: Option<String>,
+
+    /// COLMAP model of a folder with several, as its number or folder (`1`, `sparse/1`); default: the one with the most images.
+    #[arg(long, value_name = "MODEL")]
+    pub model: Option<String>,
 
     /// Trajectory in place of the poses of the layout.
     #[arg(long, value_name = "FILE")]
@@ -49,7 +53,7 @@ pub enum Target {
     Transforms,
     /// Mesh or lines: Wavefront OBJ.
     Obj,
-    /// Mesh or lines: binary PLY.
+    /// Mesh, lines or cloud: binary PLY.
     Ply,
     /// Mesh or lines: binary glTF, +Y up.
     Glb,

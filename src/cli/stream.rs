@@ -25,6 +25,10 @@ pub struct StreamArgs {
     #[arg(long, value_enum, value_delimiter = ',', default_values_t = [FormatChoice::Glb, FormatChoice::Obj, FormatChoice::Ply])]
     pub format: Vec<FormatChoice>,
 
+    /// Exit status 0 although the images contradict poses, depth scale or intrinsics. They are compared at the tenth keyframe, or at the end.
+    #[arg(long)]
+    pub accept_as_is: bool,
+
     /// The page while the session goes on.
     #[command(flatten)]
     pub live: LiveArgs,

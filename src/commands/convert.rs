@@ -28,6 +28,7 @@ pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Ou
     let sequence = open(&SequenceArgs {
         sequence: args.input.clone(),
         layout: args.layout.clone(),
+        model: args.model.clone(),
         poses: args.poses.clone(),
         calibration: args.calibration.clone(),
         accept_as_is: true,

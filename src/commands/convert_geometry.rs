@@ -1,4 +1,4 @@
-//! Meshes and lines of `linecarve convert`.
+//! Meshes, lines and clouds of `linecarve convert`.
 
 use std::path::Path;
 
@@ -7,14 +7,14 @@ use nalgebra::Vector3;
 use crate::cli::Target;
 use crate::commands::Outcome;
 use linecarve_mesh::{
-    Geometry, GlbPart, LineSet, TriangleMesh, read_geometry, write_glb, write_lines_obj,
-    write_lines_ply, write_mesh_obj, write_mesh_ply,
+    Geometry, GlbPart, LineSet, ShapeKind, TriangleMesh, read_geometry, write_glb, write_lines_obj,
+    write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
 };
 
 /// Colour of what has none of its own.
 const CLAY: [u8; 3] = [214, 206, 192];
 
-/// Writes the mesh or the lines of a file in another format.
+/// Writes the mesh, the lines or the cloud of a file in another format.
 pub(super) fn convert_geometry(
     input: &Path,
     out: &Path,
@@ -22,16 +22,26 @@ pub(super) fn convert_geometry(
 ) -> anyhow::Result<Outcome> {
     anyhow::ensure!(
         input.is_file(),
-        "{}: meshes and lines are read from files (OBJ, PLY, GLB, STL); a sequence becomes tum, euroc, kitti, open3d-log, \
+        "{}: meshes, lines and clouds are read from files (OBJ, PLY, GLB, STL); a sequence becomes tum, euroc, kitti, open3d-log, \
          colmap or transforms",
         input.display()
     );
     let shape = read_geometry(input)?;
+    if shape.kind() == ShapeKind::Cloud {
+        anyhow::ensure!(
+            target == Target::Ply,
+            "{} is a cloud of {} points without triangles and lines, which is written as PLY only: --to ply",
+            input.display(),
+            shape.positions.len()
+        );
+        write_points_ply(out, &shape.positions, shape.colors.as_deref())?;
+        return Ok(Outcome::Done);
+    }
     let lines: &LineSet = &shape.clone().into_lines();
     let mesh: &TriangleMesh = &shape.into_mesh();
     if mesh.is_empty() && lines.is_empty() {
         return Ok(Outcome::Negative(format!(
-            "{} holds neither triangles nor lines",
+            "{} holds neither triangles, lines nor points",
             input.display()
         )));
     }

@@ -54,6 +54,7 @@ pub(super) fn open_options(args: &SequenceArgs) -> OpenOptions {
         calibration: args.calibration.clone(),
         poses: args.poses.clone(),
         layout: args.layout.clone(),
+        model: args.model.clone(),
         assumed_focal: None,
     }
 }

@@ -25,6 +25,7 @@ pub(super) fn observe(
         sequence: folder.to_owned(),
         calibration: args.calibration.clone(),
         layout: None,
+        model: None,
         poses: None,
         // Only what the frames saw is asked for.
         accept_as_is: true,

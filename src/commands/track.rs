@@ -20,6 +20,7 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         calibration: args.calibration.clone(),
         poses: None,
         layout: args.layout.clone(),
+        model: None,
         assumed_focal: None,
     };
     let mut warnings = Vec::new();

@@ -29,7 +29,6 @@ fn meshes_and_lines_change_their_format() {
     let path = |name: &str| folder.path().join(name);
     std::fs::write(path("m.obj"), "v 0 0 1\nv 1 0 0\nv 0 1 0.5\nf 1 2 3\n").unwrap();
     std::fs::write(path("l.obj"), "v 0 0 1\nv 1 0 0\nl 1 2\n").unwrap();
-    std::fs::write(path("empty.obj"), "v 0 0 1\n").unwrap();
     for from in ["m", "l"] {
         for (a, b) in [("obj", "ply"), ("ply", "glb"), ("glb", "obj")] {
             convert(
@@ -42,7 +41,6 @@ fn meshes_and_lines_change_their_format() {
         assert_eq!(shape.triangles.len() + shape.lines.len(), 1);
         assert!((shape.positions[0] - nalgebra::Point3::new(0.0, 0.0, 1.0)).norm() < 1e-6);
     }
-    convert(1, &path("empty.obj"), &path("e.ply"));
 }
 
 /// Poses of the colour camera that are read as poses of the depth camera are off by the transform between the two, which the
@@ -69,4 +67,27 @@ fn poses_written_beside_a_sidecar_are_not_moved_twice() {
         let moved = once.world_from_camera.inverse() * twice.world_from_camera;
         assert!((moved.translation.vector + between.translation.vector).norm() < 1e-9);
     }
+}
+
+#[test]
+fn clouds_change_their_format() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::write(
+        path("cloud.obj"),
+        "v 1 2 3 1 0 0\nv 4 5 6 0 1 0\nv 7 8 9 0 0 1\n",
+    )
+    .unwrap();
+    convert(0, &path("cloud.obj"), &path("cloud.ply"));
+    let shape = read_geometry(&path("cloud.ply")).unwrap();
+    assert_eq!(shape.positions[1], nalgebra::Point3::new(4.0, 5.0, 6.0));
+    assert_eq!(
+        shape.colors,
+        Some(vec![[255, 0, 0], [0, 255, 0], [0, 0, 255]])
+    );
+    let said = convert(2, &path("cloud.ply"), &path("cloud.glb"));
+    assert!(
+        said.contains("cloud of 3 points") && said.contains("--to ply"),
+        "{said}"
+    );
 }

@@ -439,6 +439,37 @@ fn a_broken_convention_is_never_a_wrong_surface_in_silence() {
     assert!(!is_wrong, "{table}");
 }
 
+/// The file of the intrinsics in each layout that has one of its own.
+const CALIBRATIONS: [(&str, &str); 6] = [
+    ("tum", "linecarve.toml"),
+    ("7-scenes", "camera-intrinsics.txt"),
+    ("open3d", "camera.json"),
+    ("scannet", "intrinsics.txt"),
+    ("replica", "cam_params.json"),
+    ("poses.txt", "linecarve.toml"),
+];
+
+#[test]
+fn a_missing_calibration_is_never_a_wrong_surface_in_silence() {
+    let room = Room::new(10);
+    let folder = tempfile::tempdir().unwrap();
+    for (layout, write, _) in LAYOUTS {
+        let Some((_, file)) = CALIBRATIONS.iter().find(|(name, _)| *name == layout) else {
+            continue;
+        };
+        let broken = folder.path().join(layout);
+        write(&room, &RIGHT, &broken);
+        std::fs::remove_file(broken.join(file)).unwrap();
+        let (output, _) = reconstruct(&broken, &[]);
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(2), "{layout}: {said}");
+        assert!(
+            said.contains("linecarve.toml") || said.contains("--calibration"),
+            "{layout}: {said}"
+        );
+    }
+}
+
 #[test]
 fn accept_as_is_goes_on_with_a_warning() {
     let room = Room::new(6);

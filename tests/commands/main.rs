@@ -16,6 +16,7 @@ mod folders;
 mod growth;
 mod image_size;
 mod invariance;
+mod killed;
 mod live;
 mod map_points;
 mod paper;

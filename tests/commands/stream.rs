@@ -185,6 +185,37 @@ fn bad_messages_are_answered_and_leave_the_session_as_it_was() {
 }
 
 #[test]
+fn a_depth_scale_that_contradicts_the_images_is_said_with_its_remedy() {
+    let recording = Recording::new();
+    let keyframes = |start: &Value| -> Vec<String> {
+        let keyframes = (0..FRAMES).map(|frame| recording.keyframe(frame, &recording.poses[frame]));
+        std::iter::once(start.clone())
+            .chain(keyframes)
+            .map(|message| message.to_string())
+            .collect()
+    };
+    let scale = recording.start.pointer("/calibration/depth/scale");
+    let right = scale.and_then(Value::as_f64).unwrap_or(1000.0);
+    let mut start = recording.start.clone();
+    start["calibration"]["depth"]["scale"] = json!(5.0 * right);
+    start.as_object_mut().unwrap().remove("median_depth");
+    let said = |end: &Value| end["warnings"].to_string();
+    for (more, expected) in [(&[][..], 1), (&["--accept-as-is"], 0)] {
+        let (status, replies) = stream(more, &keyframes(&start));
+        let end = replies.last().unwrap();
+        assert_eq!(status, Some(expected), "{end}");
+        assert!(
+            said(end).contains("[depth]") && said(end).contains("scale"),
+            "{end}"
+        );
+    }
+    // The same is accepted with the right scale.
+    let (status, replies) = stream(&[], &keyframes(&recording.start));
+    let end = replies.last().unwrap();
+    assert_eq!((status, said(end)), (Some(0), "null".to_owned()), "{end}");
+}
+
+#[test]
 fn sessions_without_keyframes_end_with_nothing() {
     for lines in [
         vec![],

@@ -135,3 +135,37 @@ fn any_messages_end_with_the_surface_of_the_final_keyframes() {
         random_session(&recording, seed);
     }
 }
+
+#[test]
+fn corrections_below_the_deviation_of_depth_are_said_to_be_pending() {
+    let recording = Recording::new();
+    let mut session = Session::new(Options::default()).unwrap();
+    send(&mut session, &recording.0.start);
+    let mut known: Vec<Known> = (0..FRAMES)
+        .map(|frame| Known {
+            id: frame as u64,
+            frame,
+            pose: recording.0.poses[frame].clone(),
+        })
+        .collect();
+    for known in &known {
+        send(&mut session, &recording.keyframe(known));
+    }
+    let mut pending_after = |known: &mut Known, by: f64| {
+        known.pose[0][3] += by;
+        let reply = send(&mut session, &poses(&[known]));
+        let Some(Reply::Surface {
+            pending, change, ..
+        }) = reply
+        else {
+            panic!("no surface: {reply:?}");
+        };
+        (pending, change.added.is_empty())
+    };
+    assert_eq!(pending_after(&mut known[1], 1e-5), (1, true));
+    assert_eq!(pending_after(&mut known[2], 1e-5), (2, true));
+    assert_eq!(pending_after(&mut known[1], 0.05), (1, false));
+    let end = session.finish();
+    let expected = recording.at_once(&known);
+    assert_eq!(bits(&end.summary.mesh), bits(&expected.mesh));
+}

@@ -106,6 +106,15 @@ pub enum TilesError {
         /// Number of views.
         views: usize,
     },
+    /// Points are in doubt for too many cells.
+    #[error(
+        "thousands of the {points} points lie on one plane or sphere to the last bit, and tiles would take hours: carve them in one process \
+         (`linecarve reconstruct --final-only`), or plan with fewer tiles"
+    )]
+    Cospherical {
+        /// Number of points.
+        points: usize,
+    },
     /// More than ids can number.
     #[error("{what}: {count} are too many for one plan")]
     TooMany {

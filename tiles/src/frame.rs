@@ -4,6 +4,9 @@
 //! points and a sample of all, and takes in, for each cell around its own points and each across a facet of these, the point
 //! deepest in conflict, until there is none. All cells around a point fill a neighbourhood of it, so they are then its star in the
 //! whole. Which points were taken in on the way has no influence on these cells.
+//!
+//! Thousands of points on one plane or sphere are in doubt for each cell there, and each is tested exactly. When such tests cost more than
+//! to take in all points, the tile takes them all.
 
 use std::collections::BinaryHeap;
 
@@ -19,6 +22,15 @@ use crate::stage::{Counts, Item, counts};
 use crate::tile::{CellKey, TileCells, Vertex, global, listed, own_vertices, tile_of};
 use crate::work::Work;
 
+/// Exact tests for each point of the whole, from which all points are taken in.
+const TESTS_PER_POINT: u64 = 8;
+
+/// Largest number of points of which a tile takes in all.
+const MOST_TAKEN: usize = 1 << 16;
+
+/// Exact tests after which a tile with more points gives up: about half an hour.
+const MOST_TESTS: u64 = 1 << 30;
+
 /// The points of all tiles but one, read block by block where they are needed.
 struct OtherPoints {
     readers: Vec<Reader>,
@@ -26,6 +38,10 @@ struct OtherPoints {
     blocks: Vec<(usize, usize, usize)>,
     tree: BoxTree,
     read: FxHashMap<usize, Vec<[f64; 3]>>,
+    /// Number of points.
+    count: usize,
+    /// Number of exact tests so far that found no conflict.
+    vain_tests: u64,
     queue: BinaryHeap<Waiting>,
 }
 
@@ -56,6 +72,8 @@ impl OtherPoints {
             blocks: Vec::new(),
             tree: BoxTree::default(),
             read: FxHashMap::default(),
+            count: 0,
+            vain_tests: 0,
             queue: BinaryHeap::new(),
         };
         let mut boxes: Vec<Bounds> = Vec::new();
@@ -70,6 +88,7 @@ impl OtherPoints {
                 }
                 first += reader.length(block + 1) / 24;
             }
+            others.count += if other == tile { 0 } else { first };
             others.readers.push(reader);
         }
         others.tree = BoxTree::new(&boxes);
@@ -112,16 +131,41 @@ impl OtherPoints {
                 let (value, error) = quadratic.at(point);
                 let is_deeper = found.is_none_or(|(depth, _)| value > depth);
                 let id = global(tile, first + index);
-                if value >= -error
-                    && is_deeper
-                    && !known.contains(&id)
-                    && is_in_conflict(tetrahedra, cell, point)
-                {
-                    found = Some((value, (id, *point)));
+                if value >= -error && is_deeper && !known.contains(&id) {
+                    if is_in_conflict(tetrahedra, cell, point) {
+                        found = Some((value, (id, *point)));
+                    } else {
+                        self.vain_tests += 1;
+                    }
                 }
             }
         }
         Ok(found.map(|(_, vertex)| vertex))
+    }
+
+    /// Whether so many points are in doubt that taking in all is quicker.
+    ///
+    /// # Errors
+    /// When they are too many for either.
+    fn are_better_taken(&self, own: usize) -> Result<bool, TilesError> {
+        if self.count <= MOST_TAKEN {
+            return Ok(self.vain_tests > TESTS_PER_POINT * (own + self.count) as u64);
+        }
+        match self.vain_tests > MOST_TESTS {
+            true => Err(TilesError::Cospherical { points: self.count }),
+            false => Ok(false),
+        }
+    }
+
+    /// All points that are not `known`.
+    fn all_but(&mut self, known: &FxHashSet<u64>) -> Result<Vec<Vertex>, TilesError> {
+        let mut all = Vec::new();
+        for &(tile, block, first) in &self.blocks {
+            let points: Vec<[f64; 3]> = self.readers[tile].records(block + 1)?;
+            let ids = (first..).map(|index| global(tile, index));
+            all.extend(ids.zip(points).filter(|(id, _)| !known.contains(id)));
+        }
+        Ok(all)
     }
 }
 
@@ -146,7 +190,7 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
         let mut known: FxHashSet<u64> = pulled.iter().map(|(id, _)| *id).collect();
         let mut is_certified: Vec<bool> = Vec::new();
         let mut candidates: Vec<CellId> = cells.tetrahedra.cells().collect();
-        loop {
+        'rounds: loop {
             rounds += 1;
             is_certified.resize(cells.tetrahedra.cell_capacity(), false);
             let mut missing: Vec<Vertex> = Vec::new();
@@ -161,6 +205,12 @@ pub(crate) fn run(work: &Work, item: Item) -> Result<(Writer, Counts), TilesErro
                         uncertain.push(cell);
                     }
                     None => is_certified[cell.index()] = true,
+                }
+                if others.are_better_taken(own.len())? {
+                    let mut all = others.all_but(&known)?;
+                    cells.insert(&all, &mut Changes::new()).map_err(wrong)?;
+                    pulled.append(&mut all);
+                    break 'rounds;
                 }
             }
             if missing.is_empty() {

@@ -212,9 +212,11 @@ impl Tracker {
             .unzip()
     }
 
-    /// Looks for all points of the keyframes around; `false` when too few agree. Sets the reference keyframe.
+    /// Looks for all points of the keyframes around; `false` when too few agree. Sets the reference keyframe. The points that should be
+    /// visible are noted in the frame, and count when its pose is accepted.
     pub(crate) fn track_local_map(&mut self, frame: &mut Frame, radius_factor: f64) -> bool {
         let matched: Vec<PointId> = frame.points.iter().flatten().copied().collect();
+        frame.looked_for.clear();
         let shared = self.map.shared_points(matched.iter().copied(), None);
         let Some((reference, _)) = shared.first().copied() else {
             return false;
@@ -256,18 +258,24 @@ impl Tracker {
         if frame.inliers < self.options.min_matches {
             return false;
         }
-        for point in matched
-            .iter()
-            .copied()
-            .chain(expected.iter().map(|one| one.point))
-        {
-            self.map.point_mut(point).visible += 1;
+        let expected = expected.iter().map(|one| one.point);
+        frame.looked_for.extend(matched.into_iter().chain(expected));
+        self.reference = reference;
+        true
+    }
+
+    /// Counts which points an accepted frame should see, and which of them it sees. Attempts that are refused count nothing, or points
+    /// would be culled for poses that the camera never had.
+    pub(crate) fn count_sightings(&mut self, frame: &Frame) {
+        for point in &frame.looked_for {
+            self.map.point_mut(*point).visible += 1;
+        }
+        if frame.looked_for.is_empty() {
+            return;
         }
         for point in frame.points.iter().flatten() {
             self.map.point_mut(*point).found += 1;
         }
-        self.reference = reference;
-        true
     }
 
     /// Keyframes that share points with a frame, and their neighbours.
@@ -314,6 +322,7 @@ impl Tracker {
             }
         }
         frame.points.fill(None);
+        frame.looked_for.clear();
         false
     }
 }

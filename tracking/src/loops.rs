@@ -19,9 +19,8 @@ const TIED_POINTS: u32 = 100;
 /// Standard deviation of the motion between tied keyframes: as a share of the median depth, and in radians.
 const EDGE_SIGMA: [f64; 2] = [0.005, 0.005];
 
-/// 99.9 % bound of a squared error in variances: six degrees of freedom. A loop that exceeds it is false. With depth it bounds each edge. For one
-/// camera, whose edges are a tree and the earlier loops, it bounds the sum over all edges, the cost of the loop against the drift along
-/// the path: a long path bends little in each edge.
+/// 99.9 % bound of a squared error in variances: six degrees of freedom. A loop that exceeds it is false. It bounds the cost of the loop
+/// against the drift along its whole cycle, as a long path bends little in each edge; with depth it bounds each edge, too.
 const MAX_CHI2: f64 = 22.46;
 
 /// Steps of the adjustment of all keyframes after a loop.
@@ -39,17 +38,25 @@ pub(crate) struct FoundLoop {
     matches: usize,
 }
 
-/// Whether a pose graph that was optimised with a loop contradicts no measured motion.
-fn is_believed(graph: &PoseGraph, is_tree: bool) -> bool {
-    let mut errors = graph
-        .edges
-        .iter()
-        .map(|edge| edge.residual(&graph.poses).norm_squared());
-    if is_tree {
-        errors.sum::<f64>() <= MAX_CHI2
-    } else {
-        errors.all(|error| error <= MAX_CHI2)
-    }
+/// Squared errors of the edges of a pose graph in variances.
+fn errors(graph: &PoseGraph) -> impl Iterator<Item = f64> + '_ {
+    let edges = graph.edges.iter();
+    edges.map(|edge| edge.residual(&graph.poses).norm_squared())
+}
+
+/// Whether a pose graph that was optimised with a loop bends no edge more than measured motions allow.
+fn is_each_edge_believed(graph: &PoseGraph) -> bool {
+    errors(graph).all(|error| error <= MAX_CHI2)
+}
+
+/// Whether a loop, the last edge of a tree of motions with earlier loops, agrees with the motion along its cycle: by what it adds to the
+/// cost of the tree. Ties between keyframes that see the same points drift together; with them the cycle would seem stiffer than it is.
+fn is_cycle_believed(mut tree: PoseGraph) -> bool {
+    let mut without = tree.clone();
+    without.edges.pop();
+    without.optimise();
+    tree.optimise();
+    errors(&tree).sum::<f64>() - errors(&without).sum::<f64>() <= MAX_CHI2
 }
 
 impl Tracker {
@@ -178,18 +185,18 @@ impl Tracker {
         }
         let depth = self.median_depth(id).unwrap_or(1.0);
         let sigma = [EDGE_SIGMA[0] * depth, EDGE_SIGMA[1]];
-        let mut edges = Vec::new();
-        let mut tie = |from: KeyframeId, to: KeyframeId, to_from: Isometry3<f64>| {
-            if let (Some(from), Some(to)) = (slot_of[from.index()], slot_of[to.index()]) {
-                edges.push(PoseEdge {
-                    from,
-                    to,
-                    to_from,
-                    sigma,
-                    is_robust: false,
-                });
-            }
+        let tie = |from: KeyframeId, to: KeyframeId, to_from: Isometry3<f64>| {
+            let (from, to) = (slot_of[from.index()]?, slot_of[to.index()]?);
+            Some(PoseEdge {
+                from,
+                to,
+                to_from,
+                sigma,
+                is_robust: false,
+            })
         };
+        // The spanning tree and earlier loops, and further ties.
+        let (mut tree, mut ties) = (Vec::new(), Vec::new());
         for &one in &keyframes {
             let keyframe = self.map.keyframe(one);
             // Without depth, keyframes are dense and drift together: ties between all of them would hold what drifted.
@@ -202,25 +209,33 @@ impl Tracker {
                 .filter(|(other, count)| *count >= TIED_POINTS && *other < one)
                 .map(|(other, _)| *other)
                 .filter(|other| Some(*other) != keyframe.parent);
-            for other in keyframe.parent.into_iter().chain(strong) {
+            let motion = |other: KeyframeId| {
                 let of_other = self.map.keyframe(other).camera_from_world;
-                tie(other, one, keyframe.camera_from_world * of_other.inverse());
-            }
-            for (other, one_from_other) in keyframe.loops.iter().filter(|(other, _)| *other < one) {
-                tie(*other, one, *one_from_other);
-            }
+                tie(other, one, keyframe.camera_from_world * of_other.inverse())
+            };
+            tree.extend(keyframe.parent.and_then(motion));
+            ties.extend(strong.filter_map(motion));
+            let older = keyframe.loops.iter().filter(|(other, _)| *other < one);
+            tree.extend(
+                older.filter_map(|(other, one_from_other)| tie(*other, one, *one_from_other)),
+            );
         }
-        tie(to, id, *id_from_to);
+        tree.extend(tie(to, id, *id_from_to));
         let mut graph = PoseGraph {
             poses: keyframes
                 .iter()
                 .map(|one| self.map.keyframe(*one).camera_from_world)
                 .collect(),
             is_free: (0..keyframes.len()).map(|slot| slot > 0).collect(),
-            edges,
+            edges: tree,
         };
+        let is_cycle_believed = self.options.is_monocular || is_cycle_believed(graph.clone());
+        graph.edges.extend(ties);
         graph.optimise();
-        let is_believed = is_believed(&graph, self.options.is_monocular);
+        let is_believed = match self.options.is_monocular {
+            true => errors(&graph).sum::<f64>() <= MAX_CHI2,
+            false => is_cycle_believed && is_each_edge_believed(&graph),
+        };
         if is_believed {
             self.move_submap(&keyframes, &slot_of, &graph.poses);
         }
@@ -324,8 +339,8 @@ mod tests {
     use super::*;
     use nalgebra::Vector3;
 
-    /// Whether a loop between the ends of a chain of keyframes is believed, when it turns the last one by so many degrees.
-    fn is_loop_believed(count: usize, turn_degrees: f64, is_tree: bool) -> bool {
+    /// A chain of keyframes with a loop between its ends that moves the last one by this.
+    fn chain(count: usize, error: Isometry3<f64>) -> PoseGraph {
         let poses: Vec<Isometry3<f64>> = (0..count)
             .map(|at| Isometry3::translation(-0.01 * at as f64, 0.0, 0.0))
             .collect();
@@ -339,25 +354,58 @@ mod tests {
         let mut edges: Vec<PoseEdge> = (1..count)
             .map(|to| edge(to - 1, to, Isometry3::identity()))
             .collect();
-        let turn = Vector3::new(0.0, turn_degrees.to_radians(), 0.0);
-        let error = Isometry3::new(Vector3::zeros(), turn);
         edges.push(edge(0, count - 1, error));
-        let mut graph = PoseGraph {
+        PoseGraph {
             is_free: (0..count).map(|at| at > 0).collect(),
             poses,
             edges,
-        };
-        graph.optimise();
-        is_believed(&graph, is_tree)
+        }
+    }
+
+    fn turned(degrees: f64) -> Isometry3<f64> {
+        Isometry3::rotation(Vector3::new(0.0, degrees.to_radians(), 0.0))
     }
 
     #[test]
-    fn loops_of_one_camera_are_judged_by_the_drift_of_the_whole_path() {
+    fn loops_are_judged_by_the_drift_of_the_whole_path() {
         // 0.29 degrees for each keyframe: the drift of 100 keyframes is 2.9 degrees.
-        assert!(is_loop_believed(100, 4.0, true));
-        assert!(!is_loop_believed(100, 40.0, true));
-        assert!(!is_loop_believed(10, 8.0, true));
+        assert!(is_cycle_believed(chain(100, turned(4.0))));
+        assert!(!is_cycle_believed(chain(100, turned(40.0))));
+        assert!(!is_cycle_believed(chain(10, turned(8.0))));
         // Each edge alone bends little.
-        assert!(is_loop_believed(100, 40.0, false));
+        let mut bent = chain(100, turned(40.0));
+        bent.optimise();
+        assert!(is_each_edge_believed(&bent));
+    }
+
+    /// Two equal rooms: the camera went as far as five times the median depth, and the loop says that it is back.
+    #[test]
+    fn two_equal_rooms_are_not_glued() {
+        let back = Isometry3::translation(5.0, 0.0, 0.0);
+        assert!(!is_cycle_believed(chain(100, back)));
+        assert!(is_cycle_believed(chain(
+            100,
+            Isometry3::translation(0.1, 0.0, 0.0)
+        )));
+    }
+
+    /// Loops that were closed before cost what they did before.
+    #[test]
+    fn earlier_loops_do_not_count_against_a_new_one() {
+        let mut graph = chain(100, turned(2.0));
+        let older = graph.edges.pop().unwrap();
+        for from in 0..6 {
+            let mut other = older.clone();
+            other.from = from;
+            other.to = 90 - from;
+            let motion = graph.poses[other.to] * graph.poses[from].inverse();
+            other.to_from = turned(if from % 2 == 0 { 3.0 } else { -3.0 }) * motion;
+            graph.edges.push(other);
+        }
+        let mut without = graph.clone();
+        without.optimise();
+        assert!(errors(&without).sum::<f64>() > MAX_CHI2);
+        graph.edges.push(older);
+        assert!(is_cycle_believed(graph));
     }
 }

@@ -231,6 +231,55 @@ fn two_views_of_one_camera_end_well() {
     }
 }
 
+/// A camera on a table: 36 frames with noise are given up soon.
+#[test]
+fn one_camera_that_stands_still_is_given_up_soon() {
+    let still = |number: usize| {
+        let image = image(0, 0);
+        let noise = |at: usize| {
+            let mixed =
+                ((number * WIDTH * HEIGHT + at) as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            ((mixed ^ (mixed >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 58) as u8 / 8
+        };
+        let samples = image.samples().iter().enumerate();
+        let samples = samples.map(|(at, grey)| grey.saturating_add(noise(at)));
+        let image = GrayImage::new(WIDTH, HEIGHT, samples.collect()).unwrap();
+        FrameDetector::new(&TrackingOptions::monocular()).detect(&image, None)
+    };
+    let camera = Camera::pinhole(200.0, 200.0, 159.5, 119.5).unwrap();
+    let mut tracker = Tracker::new(TrackingOptions::monocular(), &camera, WIDTH, HEIGHT).unwrap();
+    for number in 0..36 {
+        tracker.track(still(number));
+    }
+    let start = std::time::Instant::now();
+    let found = tracker.finish();
+    assert!(found.submaps.is_empty());
+    // A tenth of it on a core of its own; before, the search for a translation alone took longer.
+    let seconds = start.elapsed().as_secs_f64();
+    assert!(seconds < 10.0, "{seconds} s");
+}
+
+/// Attempts at the pose of a frame count for points when the pose is taken, once.
+#[test]
+fn points_are_visible_in_frames_that_are_tracked_only() {
+    let mut tracker = tracker();
+    for number in 0..3 {
+        tracker.track(frame(0, number));
+    }
+    let visible = |tracker: &Tracker| -> u32 {
+        let points = tracker.map.points.iter();
+        points.map(|point| point.visible).sum()
+    };
+    let before = visible(&tracker);
+    let last = tracker.last.clone().unwrap();
+    let mut attempt = crate::tracker::Frame::new(3, frame(0, 3), last.camera_from_world);
+    assert!(tracker.follow(&mut attempt, &last));
+    assert!(!attempt.looked_for.is_empty());
+    assert_eq!(visible(&tracker), before);
+    tracker.count_sightings(&attempt);
+    assert_eq!(visible(&tracker), before + attempt.looked_for.len() as u32);
+}
+
 /// Frame `number` of a camera without depth that turns to the right and moves nowhere.
 fn turned(number: usize) -> FrameFeatures {
     let grey = |x: f64, y: f64| {

@@ -25,6 +25,8 @@ pub(crate) struct Frame {
     pub(crate) number: u32,
     pub(crate) view: FrameFeatures,
     pub(crate) points: Vec<Option<PointId>>,
+    /// Points that should be visible with its pose.
+    pub(crate) looked_for: Vec<PointId>,
     pub(crate) camera_from_world: Isometry3<f64>,
     pub(crate) inliers: usize,
     /// Share of the matches that agree with the pose.
@@ -39,6 +41,7 @@ impl Frame {
             number,
             points: vec![None; view.len()],
             view,
+            looked_for: Vec::new(),
             camera_from_world,
             inliers: 0,
             agreeing: 0.0,
@@ -241,6 +244,7 @@ impl Tracker {
             };
             return self.miss(number, frame.view, reason);
         }
+        self.count_sightings(&frame);
         if frame.inliers > 0 {
             self.refine_densely(&mut frame);
         }
@@ -361,6 +365,7 @@ impl Tracker {
         if !self.relocate(&mut frame) {
             return None;
         }
+        self.count_sightings(&frame);
         Some(self.record_of(&frame))
     }
 }

@@ -5,7 +5,7 @@
 //! its keyframes. A landmark lies at the mean of its measurements. It is removed when more keyframes contradict than measure
 //! it.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rstar::primitives::GeomWithData;
 use rstar::{AABB, RTree, SelectionFunction};
 
@@ -190,6 +190,46 @@ impl Landmarks {
         self.records[id as usize].contradictions += 1;
     }
 
+    /// Takes back that a keyframe contradicted a landmark. Returns whether the landmark, which was removed for that, is in use again: it
+    /// then lies at the mean of its measurements. It stays removed where another landmark took its place.
+    ///
+    /// # Panics
+    /// When the index is out of range.
+    pub(super) fn take_back_contradiction(&mut self, id: u32) -> bool {
+        let landmark = &mut self.records[id as usize];
+        landmark.contradictions = landmark.contradictions.saturating_sub(1);
+        let is_acquitted = landmark.is_removed
+            && landmark.measurements > 0
+            && landmark.contradictions <= landmark.keyframes;
+        if !is_acquitted {
+            return false;
+        }
+        let mean = Point3::from(landmark.weighted / landmark.weight);
+        let reach = Vector3::repeat(landmark.sigma());
+        let around = AABB::from_corners(rounded(&(mean - reach)), rounded(&(mean + reach)));
+        let is_replaced = {
+            let mut others = self.tree.locate_in_envelope_intersecting(around);
+            others.next().is_some()
+        };
+        if is_replaced {
+            return false;
+        }
+        landmark.is_removed = false;
+        landmark.position = mean;
+        landmark.settled_at = landmark.keyframes;
+        self.tree.insert(indexed(&mean, id));
+        true
+    }
+
+    /// Standard deviation of the position of a landmark along the view rays.
+    ///
+    /// # Panics
+    /// When the index is out of range.
+    pub(super) fn sigma(&self, id: u32) -> f64 {
+        let landmark = &self.records[id as usize];
+        landmark.sigma() / f64::from(landmark.keyframes).sqrt()
+    }
+
     /// Moves a landmark to the mean of its measurements, or removes it when more keyframes contradict than measured it.
     ///
     /// It is settled when the number of keyframes that measured it has passed 1, 2, 4, 8..., as the mean changes little between
@@ -304,8 +344,6 @@ impl Landmarks {
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector3;
-
     use super::*;
 
     const NARROW: LandmarkOptions = LandmarkOptions {
@@ -443,6 +481,42 @@ mod tests {
         assert_eq!((landmarks.tree.size(), landmarks.is_in_use(0)), (0, false));
         assert_eq!(landmarks.update(0), LandmarkUpdate::Unchanged);
         assert_eq!(landmarks.associate(&at(0.0, 0.0, 2.0)), Association::New(1));
+    }
+
+    #[test]
+    fn a_landmark_comes_back_when_contradictions_are_taken_back() {
+        let mut landmarks = Landmarks::new(NARROW);
+        for _ in 0..2 {
+            landmarks.begin_keyframe();
+            landmarks.associate(&at(0.0, 0.0, 2.0));
+        }
+        for _ in 0..4 {
+            landmarks.add_contradiction(0);
+        }
+        assert_eq!(landmarks.update(0), LandmarkUpdate::Removed);
+        assert!(!landmarks.take_back_contradiction(0));
+        assert!(landmarks.take_back_contradiction(0));
+        assert!(landmarks.is_in_use(0));
+        assert_eq!(
+            landmarks.associate(&at(0.0, 0.0, 2.0)),
+            Association::Existing(0)
+        );
+        assert!(!landmarks.take_back_contradiction(0));
+    }
+
+    #[test]
+    fn a_landmark_that_another_replaced_does_not_come_back() {
+        let mut landmarks = Landmarks::new(NARROW);
+        landmarks.associate(&at(0.0, 0.0, 2.0));
+        landmarks.add_contradiction(0);
+        landmarks.add_contradiction(0);
+        landmarks.update(0);
+        assert_eq!(
+            landmarks.associate(&at(0.001, 0.0, 2.0)),
+            Association::New(1)
+        );
+        assert!(!landmarks.take_back_contradiction(0));
+        assert!(!landmarks.is_in_use(0));
     }
 
     #[test]

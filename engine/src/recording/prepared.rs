@@ -16,6 +16,8 @@ use crate::front_end::{DepthSource, SemiDenseSource};
 pub(crate) struct PreparedRecording {
     path: PathBuf,
     layout: Option<String>,
+    #[serde(default)]
+    model: Option<String>,
     poses: Option<PathBuf>,
     calibration: Option<PathBuf>,
     configuration: Configuration,
@@ -85,6 +87,7 @@ impl PreparedRecording {
         Ok(Self {
             path: std::path::absolute(&input.path).unwrap_or(input.path.clone()),
             layout: input.open.layout.clone(),
+            model: input.open.model.clone(),
             poses: absolute(&input.open.poses),
             calibration: absolute(&input.open.calibration),
             configuration,
@@ -121,6 +124,7 @@ impl PreparedRecording {
             calibration: self.calibration.clone(),
             poses: self.poses.clone(),
             layout: self.layout.clone(),
+            model: self.model.clone(),
             assumed_focal: None,
         };
         let mut sequence = Sequence::open(&self.path, &open)?;

@@ -67,6 +67,10 @@ impl SessionState for ImageMap {
         ids.zip(shifted).collect()
     }
 
+    fn pending_corrections(&self) -> usize {
+        self.keyframes.pending()
+    }
+
     fn newest(&self) -> Option<NewestKeyframe> {
         self.keyframes.newest()
     }
@@ -116,6 +120,12 @@ impl SessionMap for ImageMap {
                 return Err(error);
             }
         }
+        let keyframes = self.keyframes.list();
+        let mut recorded = Vec::with_capacity(poses.len());
+        for (id, pose) in poses {
+            recorded.push((keyframes[self.keyframes.index_of(*id)?].frame, *pose));
+        }
+        self.live.set_recorded_poses(recorded);
         self.matches_batch_run = false;
         self.update_front_end_poses()
     }

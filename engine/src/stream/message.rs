@@ -240,6 +240,13 @@ pub enum Reply {
         /// Difference from the previous surface.
         #[serde(flatten)]
         change: SurfaceDifference,
+        /// Number of keyframes whose corrections the surface does not show yet, as they are below the deviation of what was measured. They
+        /// are shown when they add up, and at the end.
+        #[serde(skip_serializing_if = "is_zero")]
+        pending: usize,
+        /// What in the poses, the depth scale or the calibration contradicts the images, with the remedy. It is said once.
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        warnings: Vec<String>,
         /// Time from the message to this reply.
         milliseconds: f64,
     },
@@ -271,10 +278,14 @@ pub enum Reply {
         /// What tracking came to, in a session that tracks.
         #[serde(skip_serializing_if = "Option::is_none")]
         tracking: Option<TrackingSummary>,
-        /// What was left out of the keyframes.
+        /// What was left out of the keyframes, and what contradicts the images.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         warnings: Vec<String>,
     },
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// What became of a frame without pose, and what its arrival changed.

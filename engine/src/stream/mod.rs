@@ -8,6 +8,7 @@
 //! from images alone the estimate from the poses at its time.
 
 mod error;
+mod first_keyframes;
 mod frame_tracker;
 mod image_map;
 mod message;

@@ -66,6 +66,10 @@ impl SessionState for SensorMap {
             .sum()
     }
 
+    fn pending_corrections(&self) -> usize {
+        self.keyframes.pending()
+    }
+
     fn newest(&self) -> Option<NewestKeyframe> {
         let mut newest = self.keyframes.newest()?;
         newest.times = self.newest_times;
@@ -89,7 +93,10 @@ impl SessionMap for SensorMap {
         options: &Options,
     ) -> Result<(), SessionError> {
         let mut corrected = Vec::with_capacity(poses.len());
+        let mut recorded = Vec::with_capacity(poses.len());
         for (id, pose) in poses {
+            let frame = self.keyframes.list()[self.keyframes.index_of(*id)?].frame;
+            recorded.push((frame, *pose));
             let mut pose = self.live.world_from_color(pose);
             pose.translation.vector -= self.mapper.origin();
             corrected.push((self.keyframes.index_of(*id)?, pose));
@@ -107,6 +114,13 @@ impl SessionMap for SensorMap {
         self.matches_batch_run = self
             .keyframes
             .correct(&corrected, &mut self.mapper, empty_map)?;
+        let live = &mut self.live;
+        let in_world = recorded
+            .iter()
+            .map(|(frame, pose)| (*frame, live.world_from_color(pose)));
+        let in_world: Vec<_> = in_world.collect();
+        live.set_poses(in_world);
+        live.set_recorded_poses(recorded);
         Ok(())
     }
 

@@ -12,6 +12,7 @@ use tempfile::TempDir;
 
 use self::images::{delete, store_image};
 use super::SessionError;
+use super::first_keyframes::FirstKeyframes;
 use super::frame_tracker::FrameTracker;
 use super::image_map::ImageMap;
 use super::message::{
@@ -48,6 +49,8 @@ pub struct Session {
     image_folder: TempDir,
     /// Files that are still needed, by keyframe.
     stored_images: BTreeMap<u64, Vec<PathBuf>>,
+    /// Whether the images contradict the messages.
+    first: FirstKeyframes,
 }
 
 /// Result of a session, moved by `-origin` from the frame of the poses.
@@ -73,6 +76,8 @@ pub struct SessionSummary {
     pub tracking: Option<TrackingSummary>,
     /// The tracked frames with their final poses, in order.
     pub trajectory: Vec<PosedImage>,
+    /// What in the poses, the depth scale or the calibration contradicts the images, with the remedy.
+    pub doubt: Option<String>,
 }
 
 /// The end of a session.
@@ -101,6 +106,7 @@ impl Session {
             chosen: SurfaceKeyframes::default(),
             image_folder: tempfile::tempdir()?,
             stored_images: BTreeMap::new(),
+            first: FirstKeyframes::default(),
         })
     }
 
@@ -172,6 +178,8 @@ impl Session {
             segments,
             triangles,
             change: difference.unwrap_or_else(|| self.surface_diff.clear()),
+            pending: map.pending_corrections(),
+            warnings: self.first.take_untold().into_iter().collect(),
             milliseconds: milliseconds(arrived.elapsed()),
         })
     }
@@ -238,12 +246,17 @@ impl Session {
             right: None,
         };
         let outcome = self.insert(id, frame);
-        if outcome.is_ok() && self.map.as_ref().is_some_and(|map| map.keeps_images()) {
-            self.stored_images.insert(id, stored_images);
-        } else {
+        if outcome.is_err() {
             delete(&stored_images);
+            return outcome;
         }
-        outcome
+        if self.map.as_ref().is_some_and(|map| map.keeps_images()) {
+            self.stored_images
+                .insert(id, std::mem::take(&mut stored_images));
+        }
+        let sequence = self.map.as_ref().and_then(|map| map.sequence());
+        delete(&self.first.add(sequence, stored_images));
+        Ok(())
     }
 
     /// Adds a keyframe to the map, which the first one makes.
@@ -307,6 +320,8 @@ impl Session {
     /// the remaining estimates with depth from images alone.
     pub fn finish(mut self) -> SessionEnd {
         let arrived = Instant::now();
+        let sequence = self.map.as_ref().and_then(|map| map.sequence());
+        delete(&self.first.ask(sequence));
         let tracking = self.finish_tracking();
         let is_moved = tracking.as_ref().is_some_and(|end| end.is_changed);
         let outcome = match &mut self.map {
@@ -321,6 +336,7 @@ impl Session {
             Err(error) => Err(error),
         };
         let mut summary = self.summary();
+        summary.doubt = self.first.doubt().cloned();
         if let Some(end) = tracking {
             summary.tracking = Some(end.summary);
             summary.trajectory = end.trajectory;

@@ -17,6 +17,8 @@ pub(super) struct SessionKeyframe {
     pub(super) frame: usize,
     /// `None` while it waits for neighbours.
     pub(super) estimate: Option<Estimate>,
+    /// Whether it was corrected by so little that the map has it where it was.
+    is_pending: bool,
 }
 
 /// What is in the map of a keyframe; its pose is in the frame of computation.
@@ -78,6 +80,7 @@ impl SessionKeyframes {
             id,
             frame,
             estimate: None,
+            is_pending: false,
         });
     }
 
@@ -92,6 +95,12 @@ impl SessionKeyframes {
             keyframe.estimate = None;
         }
         self.places = 0;
+    }
+
+    /// Number of keyframes whose corrections the map does not show yet.
+    pub(super) fn pending(&self) -> usize {
+        let pending = self.list.iter().filter(|keyframe| keyframe.is_pending);
+        pending.count()
     }
 
     /// Number in the map of the next keyframe with final depth.
@@ -136,13 +145,18 @@ impl SessionKeyframes {
         let before = self.exchange_poses(corrected);
         let mut changes = BTreeMap::new();
         let mut provisional = Vec::new();
+        let mut pending = Vec::new();
         for &(index, pose) in corrected {
             match &self.list[index].estimate {
-                Some(Estimate::Final { place, .. }) if mapper.map().is_moved(*place, &pose) => {
-                    changes.insert(*place, Some(pose));
+                Some(Estimate::Final { place, .. }) => {
+                    let is_moved = mapper.map().is_moved(*place, &pose);
+                    if is_moved {
+                        changes.insert(*place, Some(pose));
+                    }
+                    pending.push((index, !is_moved));
                 }
                 Some(Estimate::Provisional(keyframe)) => provisional.push(keyframe),
-                _ => {}
+                None => {}
             }
         }
         let is_rebuilt = self.are_most(changes.len());
@@ -150,9 +164,17 @@ impl SessionKeyframes {
             true => self.rebuild(mapper, empty_map()?),
             false => change_map(mapper, changes, &provisional, &[]),
         };
-        if outcome.is_err() {
-            self.exchange_poses(&before);
-            self.rebuild(mapper, empty_map()?)?;
+        match &outcome {
+            Ok(()) if !is_rebuilt => {
+                for (index, is_pending) in pending {
+                    self.list[index].is_pending = is_pending;
+                }
+            }
+            Ok(()) => {}
+            Err(_) => {
+                self.exchange_poses(&before);
+                self.rebuild(mapper, empty_map()?)?;
+            }
         }
         outcome.map(|()| is_rebuilt)
     }
@@ -228,6 +250,7 @@ impl SessionKeyframes {
             {
                 *place = number;
             }
+            keyframe.is_pending = false;
         }
         self.places = places;
         Ok(())

@@ -86,6 +86,12 @@ pub trait SessionState: Send {
         0
     }
 
+    /// Number of keyframes that were corrected by less than the deviation of their measurements tells. The map shows them where they were until
+    /// corrections add up, or the session ends.
+    fn pending_corrections(&self) -> usize {
+        0
+    }
+
     /// The newest keyframe whose segments are known, or that messages are about.
     fn newest(&self) -> Option<NewestKeyframe>;
 }

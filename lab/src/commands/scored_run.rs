@@ -80,6 +80,7 @@ pub(super) fn open_with(
     let folder = SequenceArgs {
         sequence: sequence.to_owned(),
         layout: None,
+        model: None,
         poses: None,
         calibration: None,
         accept_as_is: false,

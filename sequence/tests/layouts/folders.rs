@@ -6,69 +6,12 @@ use std::path::Path;
 use linecarve_sequence::{FileRole, OpenOptions, Sequence, contradiction};
 use nalgebra::Isometry3;
 
-use crate::support::{FOCAL, SIZE, color_image, depth_image, poses, write_open3d, write_tum};
+use crate::folder_writers::{
+    FRAMES, intrinsics_text, write_images, write_pose_folder, write_replica,
+};
+use crate::support::{FOCAL, SIZE, color_image, poses, write_open3d, write_tum};
 use crate::writers::write_colmap_text;
 use crate::{edit, folder_with, open, replace, warnings};
-
-const FRAMES: usize = 6;
-
-fn matrix_lines(pose: &Isometry3<f64>) -> String {
-    let matrix = pose.to_homogeneous();
-    (0..4).fold(String::new(), |mut text, r| {
-        let row: Vec<String> = (0..4).map(|c| matrix[(r, c)].to_string()).collect();
-        writeln!(text, "{}", row.join(" ")).unwrap();
-        text
-    })
-}
-
-fn intrinsics_text(scale: f64) -> String {
-    let center = |side: u32| scale * f64::from(side) / 2.0 - 0.5;
-    format!(
-        "{f} 0 {cx}\n0 {f} {cy}\n0 0 1\n",
-        f = scale * FOCAL,
-        cx = center(SIZE.0),
-        cy = center(SIZE.1)
-    )
-}
-
-/// Images and depth images under names that are given by the number of the frame.
-fn write_images(
-    folder: &Path,
-    scale: f64,
-    color: impl Fn(usize) -> String,
-    depth: impl Fn(usize) -> String,
-) {
-    for (i, pose) in poses(FRAMES).iter().enumerate() {
-        for (name, is_color) in [(color(i), true), (depth(i), false)] {
-            let path = folder.join(name);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            if is_color {
-                color_image(pose).save(path).unwrap();
-            } else {
-                depth_image(pose, scale).save(path).unwrap();
-            }
-        }
-    }
-}
-
-/// A pose file for each image and intrinsics: folders of ScanNet and of many scripts.
-fn write_pose_folder(folder: &Path) {
-    let numbered = |part: &str, end: &str| {
-        let (part, end) = (part.to_owned(), end.to_owned());
-        move |i: usize| format!("{part}/{i}.{end}")
-    };
-    write_images(
-        folder,
-        1000.0,
-        numbered("color", "png"),
-        numbered("depth", "png"),
-    );
-    std::fs::create_dir(folder.join("pose")).unwrap();
-    for (i, pose) in poses(FRAMES).iter().enumerate() {
-        std::fs::write(folder.join(format!("pose/{i}.txt")), matrix_lines(pose)).unwrap();
-    }
-    std::fs::write(folder.join("intrinsics.txt"), intrinsics_text(1.0)).unwrap();
-}
 
 /// The poses and the depth of a sequence are those of the scene.
 fn assert_right(sequence: &Sequence, layout: &str, scale: f64) {
@@ -142,25 +85,7 @@ fn depth_of_scannet_has_its_own_camera() {
 
 #[test]
 fn replica_is_read_with_the_camera_above_it() {
-    let folder = folder_with(|root| {
-        let room = root.join("room0");
-        write_images(
-            &room,
-            6553.5,
-            |i| format!("results/frame{i:06}.png"),
-            |i| format!("results/depth{i:06}.png"),
-        );
-        let lines: String = poses(FRAMES)
-            .iter()
-            .map(|pose| matrix_lines(pose).replace('\n', " ") + "\n")
-            .collect();
-        std::fs::write(room.join("traj.txt"), lines).unwrap();
-        let text = format!(
-            "{{\"camera\": {{\"w\": {}, \"h\": {}, \"fx\": {FOCAL}, \"fy\": {FOCAL}, \"cx\": 31.5, \"cy\": 23.5, \"scale\": 6553.5}}}}",
-            SIZE.0, SIZE.1
-        );
-        std::fs::write(root.join("cam_params.json"), text).unwrap();
-    });
+    let folder = folder_with(write_replica);
     assert_right(
         &open(&folder.path().join("room0")).unwrap(),
         "replica",
@@ -246,6 +171,26 @@ fn of_several_models_the_largest_is_read() {
     );
     let small = open(&folder.path().join("sparse/0")).unwrap();
     assert_eq!(small.frames().len(), 1);
+    let open_model = |model: &str, layout: Option<&str>| {
+        let options = OpenOptions {
+            model: Some(model.to_owned()),
+            layout: layout.map(str::to_owned),
+            ..OpenOptions::default()
+        };
+        Sequence::open(folder.path(), &options)
+    };
+    for model in ["0", "sparse/0"] {
+        let small = open_model(model, None).unwrap();
+        assert_eq!(small.frames().len(), 1, "{model}");
+        assert!(!warnings(&small).contains("models"), "{}", warnings(&small));
+    }
+    let unknown = open_model("7", None).unwrap_err().to_string();
+    assert!(
+        unknown.contains("--model 7") && unknown.contains("sparse/1, sparse/0"),
+        "{unknown}"
+    );
+    let other_layout = open_model("0", Some("tum")).unwrap_err().to_string();
+    assert!(other_layout.contains("--layout tum"), "{other_layout}");
 }
 
 /// ICL-NUIM: numbered images, a list with depth first, and a trajectory of an unusual name.
@@ -577,4 +522,79 @@ fn images_of_different_sizes_are_resampled_to_one_camera() {
         );
         assert_eq!(sequence.stored_size(i).width, SIZE.0 + 2 * i as u32);
     }
+}
+
+/// Images in formats of the web and of old programs.
+#[test]
+fn bmp_and_webp_are_read() {
+    for extension in ["bmp", "webp"] {
+        let folder = folder_with(|root| {
+            write_pose_folder(root);
+            for i in 0..FRAMES {
+                let png = root.join(format!("color/{i}.png"));
+                let image = image::open(&png).unwrap();
+                image.save(png.with_extension(extension)).unwrap();
+                std::fs::remove_file(png).unwrap();
+            }
+        });
+        let sequence = open(folder.path()).unwrap();
+        assert_right(&sequence, "scannet", 1000.0);
+        assert_eq!(
+            sequence.load_gray(0).unwrap().samples(),
+            color_image(&poses(FRAMES)[0]).as_raw().as_slice()
+        );
+    }
+}
+
+/// A JPEG file whose tag says that its pixels are to be shown turned.
+fn tagged(image: &image::DynamicImage, orientation: u8) -> Vec<u8> {
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    image
+        .write_to(&mut bytes, image::ImageFormat::Jpeg)
+        .unwrap();
+    let bytes = bytes.into_inner();
+    let mut tag = b"\xFF\xE1\0\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
+    tag.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
+    [&bytes[..2], &tag, &bytes[2..]].concat()
+}
+
+#[test]
+fn an_exif_orientation_is_named() {
+    let with_size = |width: u32, height: u32, orientation: u8| {
+        folder_with(|root| {
+            write_open3d(root, FRAMES, 1);
+            let camera = root.join("camera_primesense.json");
+            replace(
+                &camera,
+                &format!("\"width\": {}", SIZE.0),
+                &format!("\"width\": {width}"),
+            );
+            replace(
+                &camera,
+                &format!("\"height\": {}", SIZE.1),
+                &format!("\"height\": {height}"),
+            );
+            for entry in std::fs::read_dir(root.join("image")).unwrap() {
+                let path = entry.unwrap().path();
+                let image = image::open(&path).unwrap();
+                std::fs::write(path, tagged(&image, orientation)).unwrap();
+            }
+        })
+    };
+    let (width, height) = SIZE;
+    // The calibration is of the pixels as they are stored.
+    let stored = with_size(width, height, 6);
+    assert!(!warnings(&open(stored.path()).unwrap()).contains("EXIF"));
+    let shown = with_size(height, width, 6);
+    let error = open(shown.path()).unwrap_err();
+    assert!(
+        error.contains("EXIF orientation") && error.contains("exiftran"),
+        "{error}"
+    );
+    // The size does not tell.
+    let upside_down = with_size(width, height, 3);
+    let said = warnings(&open(upside_down.path()).unwrap());
+    assert!(said.contains("EXIF orientation"), "{said}");
+    let upright = with_size(width, height, 1);
+    assert!(!warnings(&open(upright.path()).unwrap()).contains("EXIF"));
 }

@@ -6,6 +6,7 @@ mod damage;
 mod export;
 mod faults;
 mod float_depth;
+mod folder_writers;
 mod folders;
 mod geometry_files;
 mod layouts;

@@ -25,7 +25,7 @@ pub(crate) struct PoseEdge {
 }
 
 /// Poses `camera_from_world` and edges between them.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct PoseGraph {
     pub(crate) poses: Vec<Isometry3<f64>>,
     /// Whether each pose is adjusted; at least one must not be.

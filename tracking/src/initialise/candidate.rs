@@ -8,7 +8,9 @@ use rand_chacha::ChaCha8Rng;
 use super::local_model::{AnchorMatches, LocalModel};
 use crate::camera::Pinhole;
 use crate::frame::FrameFeatures;
-use crate::solve::{RayMatch, RelativePose, moved_sigmas, relative_poses};
+use crate::solve::{
+    RayMatch, RelativePose, may_share_translation, moved_sigmas, relative_poses, rotation_alone,
+};
 
 /// Distances in views of the others from the anchor.
 const DISTANCES: [usize; 11] = [1, 2, 4, 6, 9, 13, 19, 28, 40, 60, 90];
@@ -23,6 +25,10 @@ const MIN_PARALLAX_DEGREES: f64 = 0.4;
 /// Fewest matches that are at least so many standard deviations from where a rotation alone would move them.
 const MIN_POINTS_MOVED: usize = 25;
 const MIN_MOVED: f64 = 3.0;
+
+/// Share of the matches below which those that moved are first searched alone for a common translation. Wrong matches of a camera that
+/// stands still are so few.
+const FEW_MOVED: f64 = 0.15;
 
 /// Distance from a rotation alone from which a match counts fully, in standard deviations.
 const FULL_MOVED: f64 = 30.0;
@@ -237,14 +243,28 @@ fn posed_pair(
         .map(|(a, b)| ray_match(camera, matches, [(0, *a as u32), (view, *b as u32)]))
         .collect();
     let seed = ((numbers[0] as u64) << 32) | numbers[view] as u64;
-    let found = relative_poses(&rays, &mut ChaCha8Rng::seed_from_u64(seed))?;
+    let rotation = rotation_alone(&rays, &mut ChaCha8Rng::seed_from_u64(seed))?;
     let moved: Vec<f64> = rays
         .iter()
-        .map(|one| moved_sigmas(one, &found.rotation_alone))
+        .map(|one| moved_sigmas(one, &rotation.best))
         .collect();
-    let share = found.poses[0].inliers as f64 / rays.len() as f64;
-    let is_determined = found.poses.iter().any(|pose| {
-        let points = points_moved(camera, matches, view, pose, &found.rotation_alone);
+    // The search for a translation takes most of the time, and a camera that stands still has none.
+    let is_moved = |at: &usize| moved[*at] >= MIN_MOVED;
+    let moved_rays: Vec<RayMatch> = (0..rays.len())
+        .filter(is_moved)
+        .map(|at| rays[at])
+        .collect();
+    if moved_rays.len() < MIN_POINTS_MOVED {
+        return None;
+    }
+    let are_few = (moved_rays.len() as f64) < FEW_MOVED * rays.len() as f64;
+    if are_few && !may_share_translation(&moved_rays, &rotation, MIN_POINTS_MOVED) {
+        return None;
+    }
+    let poses = relative_poses(&rays, &rotation);
+    let share = poses.first()?.inliers as f64 / rays.len() as f64;
+    let is_determined = poses.iter().any(|pose| {
+        let points = points_moved(camera, matches, view, pose, &rotation.best);
         points >= MIN_POINTS_MOVED
     });
     if share < MIN_AGREEING || !is_determined {
@@ -256,7 +276,7 @@ fn posed_pair(
         .sum();
     Some(PosedPair {
         view,
-        poses: found.poses,
+        poses,
         parallax: share * sum,
     })
 }

@@ -8,4 +8,6 @@ mod relative;
 
 pub(crate) use pnp::{Correspondence, pose_by_consensus};
 pub(crate) use pose::{information_of, refine_pose};
-pub(crate) use relative::{RayMatch, RelativePose, moved_sigmas, relative_poses};
+pub(crate) use relative::{
+    RayMatch, RelativePose, may_share_translation, moved_sigmas, relative_poses, rotation_alone,
+};

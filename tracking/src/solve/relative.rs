@@ -63,13 +63,13 @@ pub(crate) struct RelativePose {
     pub(crate) inliers: usize,
 }
 
-/// Relative poses that matches agree with, and what they are compared with.
-#[derive(Debug, Clone)]
-pub(crate) struct RelativePoses {
-    /// Clearly different poses, the one with the smallest errors first; never empty.
-    pub(crate) poses: Vec<RelativePose>,
+/// The rotation between two views if the camera only turned.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RotationAlone {
+    /// The rotation of the best sample.
+    sampled: UnitQuaternion<f64>,
     /// The rotation that explains the matches best without any translation.
-    pub(crate) rotation_alone: UnitQuaternion<f64>,
+    pub(crate) best: UnitQuaternion<f64>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -86,21 +86,33 @@ impl Motion {
     }
 }
 
-/// The relative poses that explain matches about as well as the best one does; `None` for fewer than eight matches.
+/// The rotation that explains matches best without any translation; `None` for fewer than eight matches.
+pub(crate) fn rotation_alone(
+    matches: &[RayMatch],
+    random: &mut ChaCha8Rng,
+) -> Option<RotationAlone> {
+    if matches.len() < 8 {
+        return None;
+    }
+    let sampled = common_rotation(matches, random)?;
+    Some(RotationAlone {
+        sampled,
+        best: refine_rotation(matches, sampled),
+    })
+}
+
+/// The relative poses that explain matches about as well as the best one does: clearly different ones, the one with the smallest errors
+/// first.
 ///
-/// A rotation alone, and none, start the search; they are refined together with the translation from directions all around, by
+/// The sampled rotation alone, and none, start the search; they are refined together with the translation from directions all around, by
 /// Gauss-Newton steps on the distances from epipolar lines with a kernel that narrows. Two views of a plane have two solutions with
 /// equal errors (Longuet-Higgins, 1986), which further views must tell apart; the search starts from them, too. No minimal solver and no choice between planes and
 /// general scenes is needed, because views of a video turn by less than a quarter turn.
 pub(crate) fn relative_poses(
     matches: &[RayMatch],
-    random: &mut ChaCha8Rng,
-) -> Option<RelativePoses> {
-    if matches.len() < 8 {
-        return None;
-    }
-    let rotation = common_rotation(matches, random)?;
-    let all_around = [rotation, UnitQuaternion::identity()]
+    rotation_alone: &RotationAlone,
+) -> Vec<RelativePose> {
+    let all_around = [rotation_alone.sampled, UnitQuaternion::identity()]
         .into_iter()
         .flat_map(|rotation| {
             DIRECTIONS.map(|direction| (rotation, Unit::new_normalize(Vector3::from(direction))))
@@ -125,7 +137,8 @@ pub(crate) fn relative_poses(
     let most = found
         .iter()
         .map(|(_, motion)| agreeing(matches, motion))
-        .max()?;
+        .max()
+        .unwrap_or_default();
     let mut distinct: Vec<Motion> = Vec::new();
     for (_, motion) in found {
         let is_new = distinct.iter().all(|other| motion.differs_from(other));
@@ -136,7 +149,7 @@ pub(crate) fn relative_poses(
             break;
         }
     }
-    let poses = distinct
+    distinct
         .into_iter()
         .map(|motion| {
             let sign = if votes(matches, &motion) < 0 {
@@ -152,10 +165,23 @@ pub(crate) fn relative_poses(
                 inliers: agreeing(matches, &motion),
             }
         })
-        .collect();
-    Some(RelativePoses {
-        poses,
-        rotation_alone: refine_rotation(matches, rotation),
+        .collect()
+}
+
+/// Whether matches that a rotation alone does not explain, which are few, may lie on the epipolar lines of a translation.
+///
+/// Searches as [`relative_poses`] does, but only among these matches. Wrong matches lie on no common epipolar lines.
+pub(crate) fn may_share_translation(
+    moved: &[RayMatch],
+    rotation_alone: &RotationAlone,
+    least: usize,
+) -> bool {
+    DIRECTIONS.iter().any(|direction| {
+        let start = Motion {
+            rotation: rotation_alone.best,
+            direction: Unit::new_normalize(Vector3::from(*direction)),
+        };
+        agreeing(moved, &refine(moved, start, &SCALES)) >= least
     })
 }
 
@@ -388,8 +414,9 @@ mod tests {
                 Vector3::new(number(0.2), number(0.2), number(0.2)),
             );
             let matches = scene(&truth, is_plane, seed);
-            let found = relative_poses(&matches, &mut random).unwrap();
-            assert!(found.poses[0].inliers > 130, "{found:?}");
+            let rotation = rotation_alone(&matches, &mut random).unwrap();
+            let found = relative_poses(&matches, &rotation);
+            assert!(found[0].inliers > 130, "{found:?}");
             // A plane determines the motion less well.
             let [most, least] = if is_plane { [0.06, 0.9] } else { [0.02, 0.98] };
             let is_right = |pose: &RelativePose| {
@@ -400,16 +427,43 @@ mod tests {
             };
             // A plane seen twice has two solutions.
             match is_plane {
-                true => assert!(found.poses.iter().any(is_right), "{seed}: {found:?}"),
-                false => assert!(is_right(&found.poses[0]), "{seed}: {found:?}"),
+                true => assert!(found.iter().any(is_right), "{seed}: {found:?}"),
+                false => assert!(is_right(&found[0]), "{seed}: {found:?}"),
             }
         }
+    }
+
+    /// The wrong matches of a camera that stands still, and the matches of one that moves.
+    #[test]
+    fn wrong_matches_share_no_translation() {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        let still = RotationAlone {
+            sampled: UnitQuaternion::identity(),
+            best: UnitQuaternion::identity(),
+        };
+        let mut ray = || {
+            Vector3::new(
+                random.random_range(-0.6..0.6),
+                random.random_range(-0.45..0.45),
+                1.0,
+            )
+        };
+        let wrong: Vec<RayMatch> = (0..80)
+            .map(|_| RayMatch {
+                first: ray(),
+                second: ray(),
+                sigma: 0.7 / 525.0,
+            })
+            .collect();
+        assert!(!may_share_translation(&wrong, &still, 25));
+        let right = scene(&Isometry3::translation(0.1, 0.02, 0.05), false, 5);
+        assert!(may_share_translation(&right[..60], &still, 25));
     }
 
     #[test]
     fn few_matches_give_no_pose() {
         let matches = scene(&Isometry3::translation(0.3, 0.0, 0.0), false, 1);
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        assert!(relative_poses(&matches[..7], &mut random).is_none());
+        assert!(rotation_alone(&matches[..7], &mut random).is_none());
     }
 }

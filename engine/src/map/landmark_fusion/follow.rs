@@ -50,6 +50,9 @@ impl LandmarkFusion {
             }
         };
         self.select_rays(transaction, center_of)?;
+        if let Some(measurements) = &mut self.measurements {
+            measurements.set_view(view);
+        }
         self.observed.clear();
         for &landmark in &self.seen {
             let position = self.landmarks.position(landmark);
@@ -112,7 +115,8 @@ impl LandmarkFusion {
     }
 
     /// Moves keyframes, given by number and view, both ascending, to these poses, or removes them, with what they measured. Landmarks follow the
-    /// mean of their measurements; those without any are removed. [`seen`](Self::seen) lists the landmarks concerned that are
+    /// mean of their measurements; those without any are removed. What the keyframes contradicted before is taken back, and landmarks that
+    /// were removed for that return. [`seen`](Self::seen) lists the landmarks concerned that are
     /// left, ascending.
     ///
     /// An approximation: measurements stay with the landmarks that they joined before.
@@ -121,7 +125,8 @@ impl LandmarkFusion {
     /// When the carver rejects a position.
     ///
     /// # Complexity
-    /// The measurements of these keyframes, and the observations of the landmarks concerned.
+    /// The measurements of these keyframes, and the observations of the landmarks concerned; where landmarks return, the measurements of all
+    /// keyframes.
     pub(in crate::map) fn correct(
         &mut self,
         transaction: &mut Transaction<'_>,
@@ -134,8 +139,10 @@ impl LandmarkFusion {
         self.contradicted.clear();
         self.moved.clear();
         let mut without_view = Vec::new();
+        let mut taken_back = Vec::new();
         for &(keyframe, view, pose) in keyframes {
             let first = self.seen.len();
+            taken_back.extend(measurements.take_contradictions(keyframe));
             let mut apply = |correction: Correction| {
                 self.landmarks.correct(&correction);
                 self.seen.push(correction.landmark);
@@ -157,16 +164,30 @@ impl LandmarkFusion {
                 without_view.extend(measured);
             }
         }
+        let is_back = |landmark: &u32| self.landmarks.take_back_contradiction(*landmark);
+        let mut returned: Vec<u32> = taken_back.into_iter().filter(is_back).collect();
+        returned.sort_unstable();
+        let views_of_returned = match returned.is_empty() {
+            true => Vec::new(),
+            false => measurements.views_of(&returned),
+        };
         self.seen.sort_unstable();
         self.seen.dedup();
         for index in 0..self.seen.len() {
             let landmark = self.seen[index];
+            // Those that return get a point of their own below.
+            if returned.binary_search(&landmark).is_ok() {
+                continue;
+            }
             let update = self.landmarks.settle_again(landmark);
             self.follow(transaction, landmark, update)?;
         }
         let landmarks = &self.landmarks;
-        self.seen.retain(|landmark| landmarks.is_in_use(*landmark));
-        without_view.retain(|landmark| landmarks.is_in_use(*landmark));
+        let is_known = |landmark: &u32| {
+            landmarks.is_in_use(*landmark) && returned.binary_search(landmark).is_err()
+        };
+        without_view.retain(is_known);
+        self.seen.retain(is_known);
         self.moved.extend(without_view);
         self.moved.sort_unstable();
         self.moved.dedup();
@@ -184,7 +205,26 @@ impl LandmarkFusion {
                 center_of(transaction.before(), view)
             });
         }
-        self.select_rays(transaction, center_of)
+        self.select_rays(transaction, center_of)?;
+        for &landmark in &returned {
+            let position = self.landmarks.position(landmark);
+            let point = transaction.add_point(position)?;
+            let sigma = self.sigma_factor * self.landmarks.sigma(landmark);
+            transaction.set_sigma(point, Some(sigma))?;
+            self.points[landmark as usize] = point;
+        }
+        for (landmark, view) in views_of_returned {
+            let position = self.landmarks.position(landmark);
+            let has_ray = self.rays.observe(landmark, &position, view, |other| {
+                center_of(transaction.before(), other)
+            });
+            if has_ray {
+                transaction.add_observation(view, self.points[landmark as usize], 1)?;
+            }
+        }
+        self.seen.extend(returned);
+        self.seen.sort_unstable();
+        Ok(())
     }
 }
 

@@ -195,6 +195,9 @@ impl LandmarkFusion {
                 }
                 SurfaceCheck::Contradicted => {
                     self.landmarks.add_contradiction(landmark);
+                    if let Some(measurements) = &mut self.measurements {
+                        measurements.contradict(landmark);
+                    }
                     self.contradicted.push(landmark);
                 }
             }

@@ -266,15 +266,28 @@ fn description(description: &Part<'_>) -> Result<Description, VideoError> {
     })
 }
 
-/// Quarter turns to the right, from the matrix of a track head.
+/// Quarter turns to the right, from the matrix of a track head. A matrix of zeros turns nothing.
 fn quarter_turns(head: &Part<'_>) -> Result<u8, VideoError> {
     let matrix = if head.is_long()? { 52 } else { 40 };
     // Rows are a b u, c d v, x y w; x' = a x + c y.
-    let [a, b] = [head.u32(matrix)? as i32, head.u32(matrix + 4)? as i32];
-    Ok(match (a, b) {
-        (0, 1..) => 1,
-        (..=-1, 0) => 2,
-        (0, ..=-1) => 3,
-        _ => 0,
-    })
+    let number = |at: usize| Ok::<_, VideoError>(head.u32(matrix + 4 * at)? as i32);
+    let [a, b, c, d] = [number(0)?, number(1)?, number(3)?, number(4)?];
+    let determinant = i64::from(a) * i64::from(d) - i64::from(b) * i64::from(c);
+    match (a, b, c, d) {
+        (1.., 0, 0, 1..) | (0, 0, 0, 0) => Ok(0),
+        (0, 1.., ..=-1, 0) => Ok(1),
+        (..=-1, 0, 0, ..=-1) => Ok(2),
+        (0, ..=-1, 1.., 0) => Ok(3),
+        _ if determinant < 0 => Err(head.error(
+            matrix,
+            "the video is shown as a mirror image (display matrix), and which of both the camera saw is not known: where text reads \
+             right as players show it, write it so with ffmpeg -i VIDEO OUT.mp4; where it reads wrong, drop the matrix with ffmpeg \
+             -display_rotation 0 -i VIDEO -c copy OUT.mp4",
+        )),
+        _ => Err(head.error(
+            matrix,
+            "the video is shown turned by no quarter turn (display matrix): write its pictures as they are shown with ffmpeg -i VIDEO \
+             OUT.mp4, or as they are stored with ffmpeg -display_rotation 0 -i VIDEO -c copy OUT.mp4",
+        )),
+    }
 }

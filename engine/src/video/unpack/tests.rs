@@ -57,8 +57,16 @@ fn boxed(name: &[u8; 4], parts: &[&[u8]]) -> Vec<u8> {
     [&number(inside.len() as u32 + 8)[..], name, &inside].concat()
 }
 
+/// Rows of a display matrix that turns pictures to the right.
+const TURNED: [i32; 5] = [0, 0x1_0000, 0, -0x1_0000, 0];
+
 /// An MP4 file with an index of three samples in two chunks, and a codec.
 fn mp4(codec: &[u8; 4]) -> Vec<u8> {
+    mp4_shown(codec, TURNED)
+}
+
+/// The same with the first numbers of a display matrix.
+fn mp4_shown(codec: &[u8; 4], matrix: [i32; 5]) -> Vec<u8> {
     let table = |rows: &[u32]| {
         rows.iter()
             .flat_map(|row| number(*row))
@@ -80,7 +88,7 @@ fn mp4(codec: &[u8; 4]) -> Vec<u8> {
         ],
     );
     let mut head = vec![0; 84];
-    head[40..52].copy_from_slice(&table(&[0, 0x1_0000, 0]));
+    head[40..60].copy_from_slice(&table(&matrix.map(|number| number as u32)));
     let mdhd = boxed(b"mdhd", &[&table(&[0, 0, 0, 1000, 300, 0])]);
     let hdlr = boxed(b"hdlr", &[&table(&[0, 0]), b"vide", &[0; 13]]);
     let minf = boxed(b"minf", &[&stbl]);
@@ -108,6 +116,35 @@ fn the_index_says_where_samples_lie_and_when_they_are_shown() {
         error.contains("av01") && error.contains("ffmpeg"),
         "{error}"
     );
+}
+
+#[test]
+fn pictures_that_are_shown_mirrored_or_aslant_are_refused_with_the_way_in() {
+    const ONE: i32 = 0x1_0000;
+    for (matrix, turns) in [
+        ([ONE, 0, 0, 0, ONE], 0),
+        ([0; 5], 0),
+        (TURNED, 1),
+        ([-ONE, 0, 0, 0, -ONE], 2),
+        ([0, -ONE, 0, ONE, 0], 3),
+    ] {
+        let track = track_of(&mp4_shown(b"avc1", matrix)).unwrap();
+        assert_eq!(track.quarter_turns, turns, "{matrix:?}");
+    }
+    for (matrix, words) in [
+        ([-ONE, 0, 0, 0, ONE], "mirror image"),
+        ([ONE, 0, 0, 0, -ONE], "mirror image"),
+        ([0, ONE, 0, ONE, 0], "mirror image"),
+        ([46_341, 46_341, 0, -46_341, 46_341], "no quarter turn"),
+        ([0, ONE, 0, 0, 0], "no quarter turn"),
+    ] {
+        let error = track_of(&mp4_shown(b"avc1", matrix)).unwrap_err();
+        let error = error.to_string();
+        assert!(
+            error.contains(words) && error.contains("ffmpeg") && error.contains("video.mp4, byte"),
+            "{matrix:?}: {error}"
+        );
+    }
 }
 
 #[test]

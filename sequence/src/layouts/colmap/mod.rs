@@ -1,6 +1,6 @@
 //! COLMAP: `cameras`, `images` and `points3D` as text or binary, in the folder itself, in `colmap/` or in `sparse/`.
 //!
-//! Of several models in numbered folders the one with the most images is read.
+//! Of several models in numbered folders the one with the most images is read, unless [`OpenOptions::model`](super::super::OpenOptions::model) names another.
 //!
 //! With `fused.ply` as input, the points are those of the dense cloud.
 //!
@@ -128,7 +128,51 @@ struct FoundModel {
     others: Option<Warning>,
 }
 
+/// The folder of a model that the user names, relative to the sequence or by its number.
+///
+/// # Errors
+/// What models there are, when none has this name.
+pub(in super::super) fn model_named(folder: &Folder, name: &str) -> Result<PathBuf, String> {
+    let parents = || {
+        MODEL_FOLDERS
+            .iter()
+            .filter_map(|folder| folder.strip_suffix('0'))
+    };
+    let of_number = parents().map(|parent| folder.path().join(parent).join(name));
+    let found = std::iter::once(folder.path().join(name))
+        .chain(of_number)
+        .find(|path| format_of(path).is_some());
+    found.ok_or_else(|| {
+        let known: Vec<String> = MODEL_FOLDERS
+            .iter()
+            .filter(|name| !name.is_empty() && !name.ends_with('0'))
+            .map(|name| folder.path().join(name))
+            .filter(|path| format_of(path).is_some())
+            .chain(parents().flat_map(|parent| {
+                let models = models_in(&folder.path().join(parent));
+                models.into_iter().map(|model| model.path)
+            }))
+            .map(|path| match path.strip_prefix(folder.path()) {
+                Ok(inside) => inside.display().to_string(),
+                Err(_) => path.display().to_string(),
+            })
+            .collect();
+        let known = match known.is_empty() {
+            true => "there is none".to_owned(),
+            false => format!("give one of {}", known.join(", ")),
+        };
+        format!("--model {name} is no COLMAP model of this folder, with cameras and images as .txt or .bin: {known}")
+    })
+}
+
 fn find_model(folder: &Folder) -> Option<FoundModel> {
+    if let Some(path) = folder.model() {
+        return Some(FoundModel {
+            path: path.to_owned(),
+            format: format_of(path)?,
+            others: None,
+        });
+    }
     MODEL_FOLDERS.iter().find_map(|name| {
         if let Some(parent) = name.strip_suffix("0") {
             let models = models_in(&folder.path().join(parent));

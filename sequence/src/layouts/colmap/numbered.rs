@@ -73,7 +73,7 @@ pub(super) fn others_left_out(models: &[NumberedModel]) -> Option<Warning> {
         .collect();
     (!others.is_empty()).then(|| {
         Warning::statement(format!(
-            "there are {} models: {} with {} images is read, the largest; not {} (give that folder itself to read it)",
+            "there are {} models: {} with {} images is read, the largest; not {} (--model N reads another)",
             others.len() + 1,
             read.path.display(),
             read.images,
