@@ -48,12 +48,12 @@ impl Run {
     }
 }
 
-/// Everything but durations and pages, which hold durations.
+/// Everything but reports, pages and checkpoints of keyframes, which hold durations.
 fn results(out: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut files = contents(out);
     let has_durations = |name: &Path| {
         let end = name.extension().and_then(|end| end.to_str());
-        matches!(end, Some("html" | "json"))
+        matches!(end, Some("html" | "json" | "keyframe"))
     };
     files.retain(|name, _| !has_durations(name));
     files

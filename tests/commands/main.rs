@@ -9,6 +9,7 @@ mod bad_input;
 mod browser;
 mod compare;
 mod convert;
+mod depth_coverage;
 mod depth_values;
 mod diff;
 mod evaluate;

@@ -54,6 +54,8 @@ pub(super) struct LineMap {
     validation: DepthValidation,
     /// Whether depth comes from depth images.
     is_measured: bool,
+    /// Whether triangles are left out that no keyframe with dense depth observes.
+    needs_depth: bool,
     /// Vertices on edges and boundaries at most this far from a segment move onto it.
     segment_reach: f64,
     /// Depth as evidence for free and occupied cells, where it comes from depth images.
@@ -95,6 +97,9 @@ impl LineMap {
             ),
             evidence: (is_measured && options.surface_points.enabled).then_some(evidence),
             is_measured,
+            needs_depth: is_measured
+                && options.surface_points.enabled
+                && options.surface.least_measured_share > 0.0,
             segment_reach: SEGMENT_REACH_PX * pixel,
             keeps_images: is_measured && method == SurfaceMethod::Fused,
         })
@@ -311,8 +316,8 @@ impl LineMap {
         Ok(())
     }
 
-    /// How a triangle is exported: not when depth contradicts it, nor, where depth is not dense, when an edge is longer than
-    /// `longest`.
+    /// How a triangle is exported: not when depth contradicts it. Where no keyframe has dense depth, it is left out if there are depth images, else
+    /// if an edge is longer than `longest`.
     pub(super) fn role(
         &self,
         surface: &dyn CarvedSurface,
@@ -323,7 +328,8 @@ impl LineMap {
             FacetStatus::Measured => true,
             FacetStatus::NotMeasured => false,
             FacetStatus::Unobserved => {
-                longest.is_none_or(|longest| surface.has_edges_within(triangle, longest))
+                !self.needs_depth
+                    && longest.is_none_or(|longest| surface.has_edges_within(triangle, longest))
             }
         };
         match is_exported {
