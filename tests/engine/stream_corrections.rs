@@ -130,7 +130,7 @@ fn any_messages_end_with_the_surface_of_the_final_keyframes() {
     let recording = Recording::new();
     // As for property tests: more cases when asked for.
     let cases = std::env::var("PROPTEST_CASES").ok();
-    let cases = cases.and_then(|cases| cases.parse().ok()).unwrap_or(20);
+    let cases = cases.and_then(|cases| cases.parse().ok()).unwrap_or(12);
     for seed in 0..cases {
         random_session(&recording, seed);
     }
