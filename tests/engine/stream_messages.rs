@@ -186,7 +186,7 @@ fn any_messages_end_with_the_surface_of_what_there_is() {
         assert_eq!(grown.segments, at_once.segments, "seed {seed}");
         surfaces += usize::from(!grown.mesh.triangles.is_empty());
     }
-    assert!(surfaces > 60, "{surfaces} of 100 sessions have a surface");
+    assert!(surfaces > 50, "{surfaces} of 100 sessions have a surface");
 }
 
 #[test]
