@@ -16,6 +16,7 @@ pub mod render;
 mod shape;
 pub mod simplify;
 mod smooth;
+mod snap;
 pub mod srgb;
 #[cfg(test)]
 mod test_room;
@@ -33,4 +34,5 @@ pub use io::{
 };
 pub use shape::{Shape, ShapeKind};
 pub use smooth::{SmoothOptions, smooth_part, smooth_piecewise_flat};
+pub use snap::{SNAP_REACH, snap_to_segments};
 pub use types::{GeometryError, LineSet, TriangleMesh};

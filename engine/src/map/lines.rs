@@ -28,10 +28,6 @@ use super::vertex_landmarks::{CarvedSurface, VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
 use crate::options::{Options, SurfaceMethod, SurfaceOptions};
 
-/// How far from a segment vertices on edges and boundaries move onto it, in pixels at the median depth: windows of samples reach three pixels across an edge,
-/// and begin one further.
-const SEGMENT_REACH_PX: f64 = 4.0;
-
 impl MapUpdate {
     /// Counts the landmarks that the current keyframe observes; those from index `known` on are new.
     fn count_points(&mut self, landmarks: &LandmarkFusion, known: usize) {
@@ -56,7 +52,7 @@ pub(super) struct LineMap {
     is_measured: bool,
     /// Whether triangles are left out that no keyframe with dense depth observes.
     needs_depth: bool,
-    /// Vertices on edges and boundaries at most this far from a segment move onto it.
+    /// How far vertices on edges and boundaries move onto segments.
     segment_reach: f64,
     /// Depth as evidence for free and occupied cells, where it comes from depth images.
     evidence: Option<DepthEvidence>,
@@ -76,8 +72,11 @@ impl LineMap {
         median_depth: f64,
         is_measured: bool,
     ) -> Result<Self, MapError> {
+        let samples = &options.surface_points.samples;
         // The spacing of the samples that are kept of a keyframe, at the median scene depth.
-        let spacing_px = f64::from(2 * options.surface_points.samples.step_px);
+        let spacing_px = f64::from(2 * samples.step_px);
+        // A window across an edge may have its sample a radius away, and the next sample is up to half a step further.
+        let reach_px = f64::from(samples.window_radius_px) + 0.5 * f64::from(samples.step_px);
         let pixel = median_depth / camera.mean_focal_px();
         let spacing = spacing_px * pixel;
         let evidence = DepthEvidence::new(spacing);
@@ -100,7 +99,7 @@ impl LineMap {
             needs_depth: is_measured
                 && options.surface_points.enabled
                 && options.surface.least_measured_share > 0.0,
-            segment_reach: SEGMENT_REACH_PX * pixel,
+            segment_reach: reach_px * pixel,
             keeps_images: is_measured && method == SurfaceMethod::Fused,
         })
     }

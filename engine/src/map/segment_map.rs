@@ -170,8 +170,8 @@ impl SegmentMap {
         LineSet::from_segments(self.cluster_ends())
     }
 
-    /// The representatives of all clusters of sufficient size within `reach` of a position, and of others, oldest first. Those of the paper's clusters
-    /// are not looked for.
+    /// The representatives of all clusters of sufficient size within `reach` of a position, and of others, in no particular order. Those of the
+    /// paper's clusters are not looked for.
     ///
     /// # Complexity
     /// The clusters near the position, for a reach of at most half the distance at which segments join a cluster.
@@ -179,11 +179,12 @@ impl SegmentMap {
         &self,
         position: &Point3<f64>,
         reach: f64,
-    ) -> Vec<[Point3<f64>; 2]> {
-        match &self.clusters {
-            Clusters::Growing(clusterer) => clusterer.clusters_near(position, reach),
-            Clusters::FirstCome(_) | Clusters::Final(_) => Vec::new(),
-        }
+    ) -> impl Iterator<Item = [Point3<f64>; 2]> {
+        let growing = match &self.clusters {
+            Clusters::Growing(clusterer) => Some(clusterer.clusters_near(position, reach)),
+            Clusters::FirstCome(_) | Clusters::Final(_) => None,
+        };
+        growing.into_iter().flatten()
     }
 
     /// Their end points.

@@ -6,7 +6,7 @@ use nalgebra::Point3;
 use super::depth_validation::DepthValidation;
 use super::lines::VertexColors;
 use super::segment_map::SegmentMap;
-use super::surface::{FittedVertex, VertexSource, nearest_point, used_views};
+use super::surface::{FittedVertex, VertexSource, used_views};
 use super::surface_points::MeasuredPlane;
 use super::vertex_adjustment::{GATE_SIGMAS, adjusted, scatter_of, spread_of};
 
@@ -18,7 +18,7 @@ pub(super) struct FittedVertices<'a> {
     /// that vertices stay, and are flattened within those deviations.
     pub(super) is_measured: bool,
     pub(super) segments: &'a SegmentMap,
-    /// Segments at most this far from a position are near it.
+    /// How far vertices on edges and boundaries move onto segments.
     pub(super) segment_reach: f64,
 }
 
@@ -56,15 +56,16 @@ impl VertexSource for FittedVertices<'_> {
         newest.is_some_and(|surface| surface.plane_near(&position, GATE_SIGMAS).is_some())
     }
 
-    fn segments_near(&self, position: &Point3<f64>) -> Vec<[Point3<f64>; 2]> {
-        if !self.is_measured {
-            return Vec::new();
+    fn segment_reach(&self) -> f64 {
+        self.segment_reach
+    }
+
+    fn visit_segments(&self, position: &Point3<f64>, visit: &mut dyn FnMut([Point3<f64>; 2])) {
+        if self.is_measured {
+            self.segments
+                .clusters_near(position, self.segment_reach)
+                .for_each(visit);
         }
-        let mut near = self.segments.clusters_near(position, self.segment_reach);
-        near.retain(|ends| {
-            (nearest_point(position, *ends) - position).norm() <= self.segment_reach
-        });
-        near
     }
 
     fn color(&self, vertex: VertexId) -> Option<[u8; 3]> {

@@ -179,19 +179,20 @@ impl SegmentClusterer {
             .filter(|(_, cluster)| cluster.size >= self.options.minimum_size)
     }
 
-    /// The representatives of all clusters of [`clusters`](Self::clusters) within `reach` of a position, and of others, by number. A
+    /// The representatives of all clusters of [`clusters`](Self::clusters) within `reach` of a position, and of others, in no particular order. A
     /// reach above half of [`distance_share`](ClusterOptions::distance_share) may miss some.
     ///
     /// # Complexity
     /// The clusters near the position.
-    pub fn clusters_near(&self, position: &Point3<f64>, reach: f64) -> Vec<[Point3<f64>; 2]> {
-        let mut near = self.index.around(position, reach);
-        near.sort_unstable();
-        let clusters = near.into_iter().filter_map(|number| {
+    pub fn clusters_near(
+        &self,
+        position: &Point3<f64>,
+        reach: f64,
+    ) -> impl Iterator<Item = [Point3<f64>; 2]> {
+        self.index.around(position, reach).filter_map(|number| {
             let cluster = self.clusters[number as usize].as_ref()?;
             (cluster.size >= self.options.minimum_size).then_some(cluster.representative.ends)
-        });
-        clusters.collect()
+        })
     }
 
     /// Number of clusters with at least the minimum number of segments. Constant time.

@@ -177,20 +177,20 @@ impl ClusterIndex {
         self.keep_close(&Line::of(segment), offset, found);
     }
 
-    /// Lists all clusters within `reach` of a position, and others near it, each once. A reach above that of queries may miss some.
-    pub(super) fn around(&self, position: &Point3<f64>, reach: f64) -> Vec<u32> {
+    /// All clusters within `reach` of a position, and others near it, each once, in no particular order. A reach above that of queries may miss some.
+    pub(super) fn around(&self, position: &Point3<f64>, reach: f64) -> impl Iterator<Item = u32> {
+        let most = (1.0 + ROUNDING) * reach * reach;
         let cell = cell_of(position, SIDE * self.reach);
         let entries = self.cells.get(&cell).into_iter().flatten();
-        let mut found: Vec<u32> = Vec::new();
-        for entry in entries.chain(&self.long) {
-            let line = &self.lines[entry.cluster as usize];
-            let between = position.coords - line.middle;
+        let position = position.coords;
+        let is_near = move |cluster: &u32| {
+            let line = &self.lines[*cluster as usize];
+            let between = position - line.middle;
             let along = between.dot(&line.direction);
-            if between.norm_squared() - along * along <= (1.0 + ROUNDING) * reach * reach {
-                found.push(entry.cluster);
-            }
-        }
-        found
+            between.norm_squared() - along * along <= most
+        };
+        let clusters = entries.chain(&self.long).map(|entry| entry.cluster);
+        clusters.filter(is_near)
     }
 
     /// Keeps the clusters whose middle is near this line, or which pass its middle closely: that of the shorter segment is as near to the

@@ -2,16 +2,15 @@
 //! edges and boundaries.
 //!
 //! All steps are local. A vertex is fitted when it comes, moves, or is observed again; positions are smoothed again within
-//! [`SmoothOptions::reach`] of what changed, and move onto segments again within [`snapped::REACH`](REACH) of that.
+//! [`SmoothOptions::reach`] of what changed, and move onto segments again within [`SNAP_REACH`] of that.
 
 use linecarve_carving::{Face, IncrementalMesh, MeshChange, VertexId};
-use linecarve_mesh::{SmoothOptions, smooth_part};
+use linecarve_mesh::{SNAP_REACH, SmoothOptions, smooth_part, snap_to_segments};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use super::VertexSource;
-use super::snapped::{REACH, snapped};
 
 /// Where depth measured a vertex.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -205,7 +204,7 @@ impl FittedPositions {
         seeds: Vec<u32>,
         source: &impl VertexSource,
     ) -> Vec<u32> {
-        let (part, affected) = self.grown(seeds, REACH);
+        let (part, affected) = self.grown(seeds, SNAP_REACH);
         let part = self.in_order(mesh, part);
         let triangles = self.mark(&part);
         let smooth: Vec<Point3<f64>> = part.iter().map(|it| self.smooth[*it as usize]).collect();
@@ -214,9 +213,7 @@ impl FittedPositions {
             let origin = mesh.origin(part[place]);
             origin.is_some_and(|origin| mesh.copies(origin).nth(1).is_none())
         };
-        let positions = snapped(&smooth, &triangles, is_free, |position| {
-            source.segments_near(position)
-        });
+        let positions = snap(&smooth, &triangles, is_free, source);
         let moved = replaced(&mut self.positions, affected, &positions, &self.marks);
         self.unmark(part);
         moved
@@ -344,8 +341,19 @@ pub(in crate::map) fn fitted_positions(
     let (fitted, bounds): (Vec<_>, Vec<_>) = fitted.unzip();
     let smooth = smooth_part(&fitted, triangles, &bounds, &SmoothOptions::default());
     let is_free = |vertex: usize| origins[vertex].is_some_and(|origin| copies[&origin] == 1);
-    snapped(&smooth, triangles, is_free, |position| {
-        source.segments_near(position)
+    snap(&smooth, triangles, is_free, source)
+}
+
+/// Moves vertices on edges and boundaries onto the segments of a source.
+fn snap(
+    positions: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+    is_free: impl Fn(usize) -> bool + Sync,
+    source: &impl VertexSource,
+) -> Vec<Point3<f64>> {
+    let reach = source.segment_reach();
+    snap_to_segments(positions, triangles, reach, is_free, |position, visit| {
+        source.visit_segments(position, visit);
     })
 }
 

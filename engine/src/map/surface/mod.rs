@@ -4,7 +4,6 @@
 //! measurements allow → edges and boundaries on segments → colours
 
 mod fitted;
-mod snapped;
 
 use linecarve_carving::{
     Carver, ExportOptions, IncrementalMesh, MeshChange, SurfaceDelta, Triangle, TriangleRole,
@@ -17,7 +16,6 @@ use super::update::MapUpdate;
 use fitted::{FittedPositions, Seen};
 
 pub(super) use fitted::{FittedVertex, fitted_positions, used_views};
-pub(super) use snapped::nearest_point;
 
 /// Colour of vertices without an observed colour: middle grey.
 pub(super) const DEFAULT_COLOR: [u8; 3] = [128; 3];
@@ -70,8 +68,11 @@ pub(super) trait VertexSource: Sync {
     /// Whether the newest keyframe measured a surface at a vertex.
     fn is_measured_by_newest(&self, vertex: VertexId) -> bool;
 
-    /// The segments near a position, in an order that does not depend on it.
-    fn segments_near(&self, position: &Point3<f64>) -> Vec<[Point3<f64>; 2]>;
+    /// How far vertices on edges and boundaries move onto segments.
+    fn segment_reach(&self) -> f64;
+
+    /// Visits the segments within that of a position, and others.
+    fn visit_segments(&self, position: &Point3<f64>, visit: &mut dyn FnMut([Point3<f64>; 2]));
 
     /// The observed colour of a vertex.
     fn color(&self, vertex: VertexId) -> Option<[u8; 3]>;
@@ -93,9 +94,11 @@ impl VertexSource for CarvedVertices<'_> {
         false
     }
 
-    fn segments_near(&self, _position: &Point3<f64>) -> Vec<[Point3<f64>; 2]> {
-        Vec::new()
+    fn segment_reach(&self) -> f64 {
+        0.0
     }
+
+    fn visit_segments(&self, _position: &Point3<f64>, _visit: &mut dyn FnMut([Point3<f64>; 2])) {}
 
     fn color(&self, _vertex: VertexId) -> Option<[u8; 3]> {
         None

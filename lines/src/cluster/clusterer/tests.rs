@@ -260,7 +260,7 @@ fn all_clusters_near_a_position_are_found() {
     let mut found = 0;
     for (ends, _) in &segments {
         let position = ends[0] + 0.3 * (ends[1] - ends[0]);
-        let near = clusterer.clusters_near(&position, reach);
+        let near: Vec<[Point3<f64>; 2]> = clusterer.clusters_near(&position, reach).collect();
         for (_, cluster) in clusterer.clusters() {
             let [from, to] = cluster.representative.ends;
             let along = to - from;
