@@ -69,8 +69,8 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let tracking = summary.tracking.clone();
     let unmeasurable = state.as_ref().map_or(0, |it| it.unmeasurable_depths());
     let mut warnings: Vec<String> = unmeasurable_warning(unmeasurable).into_iter().collect();
-    let is_doubtful = summary.doubt.is_some() && !args.accept_as_is;
-    warnings.extend(summary.doubt.clone());
+    let is_contradicted = summary.contradiction.is_some() && !args.accept_as_is;
+    warnings.extend(summary.contradiction.clone());
     let of_tracking = tracking.iter().flat_map(|tracking| &tracking.warnings);
     for warning in of_tracking.chain(&warnings) {
         if verbosity > Verbosity::Quiet {
@@ -99,7 +99,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         Outcome::Negative(format!("stopped by a signal after {keyframes} keyframe(s)"))
     } else if triangles == 0 {
         Outcome::Negative(format!("the mesh is empty after {keyframes} keyframe(s)"))
-    } else if is_doubtful {
+    } else if is_contradicted {
         Outcome::Negative(
             "the images contradict the poses, the depth scale or the calibration of the messages (--accept-as-is takes them as they are)"
                 .to_owned(),

@@ -198,10 +198,10 @@ impl Landmarks {
     pub(super) fn take_back_contradiction(&mut self, id: u32) -> bool {
         let landmark = &mut self.records[id as usize];
         landmark.contradictions = landmark.contradictions.saturating_sub(1);
-        let is_acquitted = landmark.is_removed
+        let may_return = landmark.is_removed
             && landmark.measurements > 0
             && landmark.contradictions <= landmark.keyframes;
-        if !is_acquitted {
+        if !may_return {
             return false;
         }
         let mean = Point3::from(landmark.weighted / landmark.weight);

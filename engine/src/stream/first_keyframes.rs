@@ -17,9 +17,9 @@ pub(super) struct FirstKeyframes {
     held: Vec<PathBuf>,
     added: usize,
     is_asked: bool,
-    doubt: Option<String>,
-    /// The doubt, until a reply said it.
-    untold: Option<String>,
+    contradiction: Option<String>,
+    /// The contradiction, until a reply said it.
+    unreported: Option<String>,
 }
 
 impl FirstKeyframes {
@@ -44,20 +44,21 @@ impl FirstKeyframes {
     pub(super) fn ask(&mut self, sequence: Option<&Sequence>) -> Vec<PathBuf> {
         if !self.is_asked && self.added >= FEWEST {
             // The session has accepted the images: what cannot be compared contradicts nothing.
-            self.doubt = sequence.and_then(|sequence| contradiction(sequence).ok().flatten());
-            self.untold.clone_from(&self.doubt);
+            self.contradiction =
+                sequence.and_then(|sequence| contradiction(sequence).ok().flatten());
+            self.unreported.clone_from(&self.contradiction);
         }
         self.is_asked = true;
         std::mem::take(&mut self.held)
     }
 
     /// What contradicts the images, and the remedy.
-    pub(super) fn doubt(&self) -> Option<&String> {
-        self.doubt.as_ref()
+    pub(super) fn contradiction(&self) -> Option<&String> {
+        self.contradiction.as_ref()
     }
 
-    /// The doubt, once.
-    pub(super) fn take_untold(&mut self) -> Option<String> {
-        self.untold.take()
+    /// The contradiction, once.
+    pub(super) fn take_unreported(&mut self) -> Option<String> {
+        self.unreported.take()
     }
 }

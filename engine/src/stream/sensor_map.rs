@@ -93,13 +93,15 @@ impl SessionMap for SensorMap {
         options: &Options,
     ) -> Result<(), SessionError> {
         let mut corrected = Vec::with_capacity(poses.len());
-        let mut recorded = Vec::with_capacity(poses.len());
+        let (mut recorded, mut in_world) = (Vec::new(), Vec::new());
         for (id, pose) in poses {
-            let frame = self.keyframes.list()[self.keyframes.index_of(*id)?].frame;
+            let index = self.keyframes.index_of(*id)?;
+            let frame = self.keyframes.list()[index].frame;
             recorded.push((frame, *pose));
             let mut pose = self.live.world_from_color(pose);
+            in_world.push((frame, pose));
             pose.translation.vector -= self.mapper.origin();
-            corrected.push((self.keyframes.index_of(*id)?, pose));
+            corrected.push((index, pose));
         }
         corrected.retain(|(index, pose)| self.keyframes.pose(*index) != Some(*pose));
         if corrected.is_empty() {
@@ -114,13 +116,8 @@ impl SessionMap for SensorMap {
         self.matches_batch_run = self
             .keyframes
             .correct(&corrected, &mut self.mapper, empty_map)?;
-        let live = &mut self.live;
-        let in_world = recorded
-            .iter()
-            .map(|(frame, pose)| (*frame, live.world_from_color(pose)));
-        let in_world: Vec<_> = in_world.collect();
-        live.set_poses(in_world);
-        live.set_recorded_poses(recorded);
+        self.live.set_poses(in_world);
+        self.live.set_recorded_poses(recorded);
         Ok(())
     }
 

@@ -77,7 +77,7 @@ pub struct SessionSummary {
     /// The tracked frames with their final poses, in order.
     pub trajectory: Vec<PosedImage>,
     /// What in the poses, the depth scale or the calibration contradicts the images, with the remedy.
-    pub doubt: Option<String>,
+    pub contradiction: Option<String>,
 }
 
 /// The end of a session.
@@ -179,7 +179,7 @@ impl Session {
             triangles,
             change: difference.unwrap_or_else(|| self.surface_diff.clear()),
             pending: map.pending_corrections(),
-            warnings: self.first.take_untold().into_iter().collect(),
+            warnings: self.first.take_unreported().into_iter().collect(),
             milliseconds: milliseconds(arrived.elapsed()),
         })
     }
@@ -336,7 +336,7 @@ impl Session {
             Err(error) => Err(error),
         };
         let mut summary = self.summary();
-        summary.doubt = self.first.doubt().cloned();
+        summary.contradiction = self.first.contradiction().cloned();
         if let Some(end) = tracking {
             summary.tracking = Some(end.summary);
             summary.trajectory = end.trajectory;
