@@ -46,6 +46,12 @@ fn without_lines(run: &Reconstruction, reports: &[KeyframeReport]) -> String {
             "no straight segment on {pixels} edge pixels in {keyframes} keyframe(s): is the depth scale right?"
         );
     }
+    if run.map().carver().triangle_count() > 0 {
+        return format!(
+            "no keyframe of {keyframes} measured depth along the surface that was carved: depth may cover too little of the images; \
+             `least_measured_share = 0` in the table [surface] exports the surface all the same"
+        );
+    }
     format!(
         "{segments} segments of {keyframes} keyframe(s) enclose no occupied space that another ray has left; more \
          keyframes from other places would help"

@@ -108,8 +108,8 @@ pub enum TilesError {
     },
     /// Points are in doubt for too many cells.
     #[error(
-        "thousands of the {points} points lie on one plane or sphere to the last bit, and tiles would take hours: carve them in one process \
-         (`linecarve reconstruct --final-only`), or plan with fewer tiles"
+        "thousands of the {points} points lie exactly on one plane or sphere, and tiles would take hours: carve them in one process \
+         (`linecarve reconstruct --final-only`), or plan fewer tiles"
     )]
     Cospherical {
         /// Number of points.

@@ -111,7 +111,7 @@ pub(crate) fn export_options(options: &Options, median_depth: Option<f64>) -> Ex
             .map(|(depth, share)| share * depth),
         minimum_component: surface.minimum_component,
         manifold: surface.manifold,
-        // A hole of one triangle amid measured ones is measured as much as they are.
+        // The samples of a triangle are few: one that is left out alone is seldom a hole.
         fill_gaps: true,
     }
 }

@@ -280,14 +280,13 @@ fn quarter_turns(head: &Part<'_>) -> Result<u8, VideoError> {
         (0, ..=-1, 1.., 0) => Ok(3),
         _ if determinant < 0 => Err(head.error(
             matrix,
-            "the video is shown as a mirror image (display matrix), and which of both the camera saw is not known: where text reads \
-             right as players show it, write it so with ffmpeg -i VIDEO OUT.mp4; where it reads wrong, drop the matrix with ffmpeg \
-             -display_rotation 0 -i VIDEO -c copy OUT.mp4",
+            "the display matrix shows the video as a mirror image: if text is readable in a player, run ffmpeg -i VIDEO OUT.mp4; if it is \
+             mirrored there, run ffmpeg -display_rotation 0 -i VIDEO -c copy OUT.mp4",
         )),
         _ => Err(head.error(
             matrix,
-            "the video is shown turned by no quarter turn (display matrix): write its pictures as they are shown with ffmpeg -i VIDEO \
-             OUT.mp4, or as they are stored with ffmpeg -display_rotation 0 -i VIDEO -c copy OUT.mp4",
+            "the display matrix turns the video by an angle that is no quarter turn: run ffmpeg -i VIDEO OUT.mp4 for the pictures as players \
+             show them, or ffmpeg -display_rotation 0 -i VIDEO -c copy OUT.mp4 for the pictures as they are stored",
         )),
     }
 }
