@@ -6,7 +6,7 @@ use image::{ImageBuffer, Luma};
 use linecarve_mesh::evaluate::{EvaluationOptions, evaluate};
 use linecarve_mesh::{Shape, read_geometry};
 
-use crate::program::{expect_status, text};
+use crate::program::{expect_status, reconstruct_mesh, text};
 
 type Depth = ImageBuffer<Luma<u16>, Vec<u16>>;
 
@@ -42,24 +42,11 @@ fn sparse_depth_gives_a_part_of_the_surface_and_nothing_else() {
     for (rows, share) in [(6, 0.05), (6, 0.1), (6, 0.2), (6, 0.5), (2, 0.2)] {
         let out = folder.path().join(format!("out-{rows}-{share}"));
         keep_rows(&depths, rows, share);
-        let fixed = [
-            "--final-only",
-            "--no-page",
-            "--no-picture",
-            "--format",
-            "ply",
-            "--quiet",
-        ];
-        let place = ["--out", text(&out)];
-        let run = ["reconstruct", text(&room)]
-            .into_iter()
-            .chain(fixed)
-            .chain(place);
-        if rows == 2 {
-            expect_status(1, run);
+        let status = i32::from(rows == 2);
+        reconstruct_mesh(status, &room, &[], &out);
+        if status == 1 {
             continue;
         }
-        expect_status(0, run);
         let mesh = read_geometry(&out.join("mesh.ply")).unwrap().into_mesh();
         let options = EvaluationOptions {
             samples: 20_000,

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use crate::program::expect_status;
+use crate::program::{expect_status, reconstruct_mesh};
 use linecarve_mesh::evaluate::{EvaluationOptions, evaluate};
 use linecarve_mesh::feature_edges::CREASE_COLOR;
 use linecarve_mesh::raycast::RayScene;
@@ -244,20 +244,7 @@ fn a_noisy_room_is_carved_within_bounds() {
         ],
     );
     let out = folder.path().join("out");
-    expect_status(
-        0,
-        [
-            "reconstruct",
-            &text(&room),
-            "--out",
-            &text(&out),
-            "--format",
-            "ply",
-            "--final-only",
-            "--no-picture",
-            "--quiet",
-        ],
-    );
+    reconstruct_mesh(0, &room, &[], &out);
     let mesh = read_geometry(&out.join("mesh.ply")).unwrap().into_mesh();
     // 0.911 at 2 cm and 0.974 at 5 cm; what is missing may grow by a tenth.
     let [near, far] = scores(&mesh, &room.join("ground-truth-observed.ply"));

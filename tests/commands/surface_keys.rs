@@ -1,9 +1,9 @@
 //! Each key of the tables `carving`, `surface` and `simplify` changes the mesh that is written.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use crate::program::{expect_status, small_sequence, text};
+use crate::program::{reconstruct_mesh, small_sequence, text};
 
 /// What a case runs on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -112,32 +112,25 @@ fn each_key_changes_the_mesh() {
     let folder = small_sequence(6, "tum");
     let boxes = folder.path().join("sequence");
     let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
-    let mut runs = 0;
-    let mut mesh = |recording: Recording, settings: &str| {
-        let (sequence, selection) = match recording {
-            Boxes => (&boxes, ["--every", "1", "--from", "lines"]),
-            Room => (&room, ["--every", "18", "--from", "lines"]),
-            RoomPoints => (&room, ["--every", "4", "--from", "map-points"]),
-        };
-        runs += 1;
-        let [out, config] =
-            ["out", "toml"].map(|name| folder.path().join(format!("{runs}.{name}")));
-        std::fs::write(&config, settings).unwrap();
-        let fixed = [
-            "--final-only",
-            "--no-page",
-            "--no-picture",
-            "--format",
-            "ply",
-            "--quiet",
-        ];
-        let files = ["--config", text(&config), "--out", text(&out)];
-        let arguments = ["reconstruct", text(sequence)].into_iter();
-        expect_status(0, arguments.chain(selection).chain(fixed).chain(files));
-        std::fs::read(out.join("mesh.ply")).unwrap()
-    };
+    let mut meshes: BTreeMap<(Recording, &str), Vec<u8>> = BTreeMap::new();
     for (key, recording, settings) in CASES {
-        let [one, other] = settings.map(|settings| mesh(recording, settings));
+        for settings in settings {
+            let number = meshes.len();
+            meshes.entry((recording, settings)).or_insert_with(|| {
+                let (sequence, selection) = match recording {
+                    Boxes => (&boxes, ["--every", "1", "--from", "lines"]),
+                    Room => (&room, ["--every", "18", "--from", "lines"]),
+                    RoomPoints => (&room, ["--every", "4", "--from", "map-points"]),
+                };
+                let file = |end: &str| folder.path().join(format!("{number}.{end}"));
+                let [out, config] = ["out", "toml"].map(file);
+                std::fs::write(&config, settings).unwrap();
+                let more = [&selection[..], &["--config", text(&config)]].concat();
+                reconstruct_mesh(0, sequence, &more, &out);
+                std::fs::read(out.join("mesh.ply")).unwrap()
+            });
+        }
+        let [one, other] = settings.map(|settings| &meshes[&(recording, settings)]);
         assert!(one != other, "{key} changes nothing");
     }
 }

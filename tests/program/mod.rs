@@ -97,6 +97,20 @@ pub(crate) fn small_sequence(frames: usize, layout: &str) -> TempDir {
     folder
 }
 
+/// Reconstructs the mesh of a sequence, `mesh.ply` alone beside segments and report, with these further arguments.
+pub(crate) fn reconstruct_mesh(status: i32, sequence: &Path, more: &[&str], out: &Path) {
+    let fixed = [
+        "--final-only",
+        "--no-page",
+        "--no-picture",
+        "--format",
+        "ply",
+        "--quiet",
+    ];
+    let command = ["reconstruct", text(sequence), "--out", text(out)].into_iter();
+    expect_status(status, command.chain(fixed).chain(more.iter().copied()));
+}
+
 /// Every file below a folder with its bytes, by relative path, but for the list of what was written, which is no result.
 pub(crate) fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     fn walk(root: &Path, folder: &Path, into: &mut BTreeMap<PathBuf, Vec<u8>>) {
