@@ -98,7 +98,8 @@ def test_a_task_that_hangs_is_started_again(client, city, tmp_path, monkeypatch)
     # What hung was ended.
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "pid").read_text()), 0)
-    assert not list((tmp_path / "work").glob(".linecarve*"))
+    # The list of the folder stays, no unfinished file does.
+    assert [path.name for path in (tmp_path / "work").glob(".linecarve*")] == [".linecarve-files"]
 
 
 def test_a_worker_that_is_stopped_changes_nothing(client, city, tmp_path, monkeypatch):
