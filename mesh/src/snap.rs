@@ -175,7 +175,7 @@ mod tests {
         segment: [Point3<f64>; 2],
     ) -> Vec<Point3<f64>> {
         snap_to_segments(positions, triangles, reach, is_free, |_, visit| {
-            visit(segment)
+            visit(segment);
         })
     }
 

@@ -63,6 +63,10 @@ fn read(path: &Path, is_textured: bool) -> Result<(Shape, Option<Texture>), Read
     let format = format_of(path, &bytes).ok_or_else(|| ReadError::UnknownFormat {
         path: path.to_owned(),
     })?;
+    if is_utf16(&bytes) {
+        let problem = "its encoding is UTF-16; save it as UTF-8".to_owned();
+        return Err(ReadError::content(path, "text")(problem));
+    }
     let plain = |shape: Shape| (shape, None);
     let (shape, texture) = match format {
         Format::Ply => ply::parse(&bytes)
@@ -87,6 +91,14 @@ fn read(path: &Path, is_textured: bool) -> Result<(Shape, Option<Texture>), Read
         fault,
     })?;
     Ok((shape, texture))
+}
+
+/// Whether the bytes begin with the byte order mark of UTF-16 and an ASCII character.
+fn is_utf16(bytes: &[u8]) -> bool {
+    matches!(
+        bytes,
+        [0xFF, 0xFE, 1..=0x7F, 0, ..] | [0xFE, 0xFF, 0, 1..=0x7F, ..]
+    )
 }
 
 fn format_of(path: &Path, bytes: &[u8]) -> Option<Format> {

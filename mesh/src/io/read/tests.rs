@@ -420,3 +420,18 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn utf16_is_refused_by_its_name() {
+    let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let units = || std::iter::once(0xFEFF).chain(text.encode_utf16());
+    let little: Vec<u8> = units().flat_map(u16::to_le_bytes).collect();
+    let big: Vec<u8> = units().flat_map(u16::to_be_bytes).collect();
+    for (name, bytes) in [("a.obj", &little), ("b.obj", &big), ("c.xyz", &little)] {
+        let message = read_bytes(name, bytes).unwrap_err().to_string();
+        assert!(
+            message.ends_with("its encoding is UTF-16; save it as UTF-8"),
+            "{message}"
+        );
+    }
+}
