@@ -140,9 +140,7 @@ impl Tracker {
         if !self.options.looks_ahead {
             self.stop_waiting();
         }
-        while !self.waiting.is_empty() {
-            self.start_from_waiting();
-        }
+        self.start_at_end();
         if self.options.looks_ahead {
             if !self.map.keyframes.is_empty() {
                 self.resume_missing();

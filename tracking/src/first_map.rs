@@ -1,6 +1,7 @@
 //! When the first map of one camera starts, and what becomes of the frames before.
 
 use crate::frame::FrameFeatures;
+use crate::initialise::ANCHORS;
 use crate::map::KeyframeId;
 use crate::records::{FrameOutcome, FrameRecord, NoPose};
 use crate::tracker::{Frame, Tracker};
@@ -52,7 +53,7 @@ impl Tracker {
 
     /// Starts the map of one camera from the views that wait, and tracks the others of them. Without a map, the older half stops
     /// waiting.
-    pub(crate) fn start_from_waiting(&mut self) {
+    fn start_from_waiting(&mut self) {
         let mut waiting = std::mem::take(&mut self.waiting);
         let first = self.frames - waiting.len() as u32;
         match self.start_from_views(&waiting, first, false) {
@@ -60,6 +61,18 @@ impl Tracker {
             None => {
                 self.waiting = waiting.split_off(waiting.len().div_ceil(2));
                 self.miss_all(waiting, first);
+            }
+        }
+    }
+
+    /// Starts a map from the views that wait when no frame follows. Without a map, newer halves are tried, until each of their views
+    /// was an anchor or next to one.
+    pub(crate) fn start_at_end(&mut self) {
+        while !self.waiting.is_empty() {
+            let is_last = self.waiting.len() <= 3 * ANCHORS;
+            self.start_from_waiting();
+            if is_last {
+                self.stop_waiting();
             }
         }
     }

@@ -29,9 +29,7 @@ impl Tracker {
     /// Matches are those that agreed with the focal length of the tracker, so that an estimate far from it should be used to track and
     /// estimate again.
     pub fn estimate_focal(mut self) -> Option<f64> {
-        while !self.waiting.is_empty() {
-            self.start_from_waiting();
-        }
+        self.start_at_end();
         let keyframes = (0..self.submaps)
             .map(|submap| self.map.keyframes_of(submap).collect::<Vec<KeyframeId>>())
             .max_by_key(Vec::len)?;

@@ -12,7 +12,7 @@ pub(crate) use candidate::Candidate;
 use candidate::Start;
 
 /// Views that are tried as anchors, evenly over the views.
-const ANCHORS: usize = 12;
+pub(crate) const ANCHORS: usize = 12;
 
 /// Views that are tried where frames are answered as they come, over the newer half: the older ones were tried before.
 const EARLY_ANCHORS: usize = 4;
