@@ -28,8 +28,7 @@ pub use synth::{NoiseModel, SynthArgs};
 pub use tiles::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 pub use track::{TrackArgs, TrackFormat, TrackMode};
 pub use values::{
-    CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice,
-    SurfaceMethodChoice, TextureChoice,
+    CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice, TextureChoice,
 };
 pub use view::ViewArgs;
 
@@ -270,9 +269,9 @@ pub struct ReconstructArgs {
     #[arg(long, value_enum)]
     pub labels: Option<LabelChoice>,
 
-    /// What the final surface is made of; default: what the configuration says, the carved free space when it says nothing.
-    #[arg(long, value_enum)]
-    pub surface: Option<SurfaceMethodChoice>,
+    /// What the surface is made of. There is one way; scripts may name it.
+    #[arg(long, hide = true, value_parser = ["carved"])]
+    pub surface: Option<String>,
 
     /// What the surface is made from.
     #[arg(long, value_enum, default_value_t = SurfaceSource::Lines)]

@@ -205,11 +205,6 @@ impl Mapper {
         self.map.leave_carving()
     }
 
-    /// Frees what the final surface does not need, see [`Map::release_carving`].
-    pub(crate) fn release_carving(&mut self, is_surface_kept: bool) {
-        self.map.release_carving(is_surface_kept);
-    }
-
     /// Keeps the exported surface up to date from now on.
     pub(crate) fn follow_surface(&mut self) {
         self.map.follow_surface();

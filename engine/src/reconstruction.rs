@@ -301,11 +301,6 @@ impl Reconstruction {
         Ok(())
     }
 
-    /// Frees points and cells of a finished run whose final surface is fused from depth images. The followed surface stays if asked for.
-    pub fn release_carving(&mut self, is_surface_kept: bool) {
-        self.mapper.release_carving(is_surface_kept);
-    }
-
     /// The recording.
     pub fn recording(&self) -> &Recording {
         &self.recording

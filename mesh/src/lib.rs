@@ -7,8 +7,6 @@ mod encode_image;
 pub mod evaluate;
 pub mod feature_edges;
 pub mod files;
-mod flat;
-pub mod fusion;
 mod holes;
 mod io;
 pub mod raycast;
@@ -24,7 +22,6 @@ pub mod texture;
 mod types;
 
 pub use encode_image::encode_jpeg;
-pub use flat::flat_vertices;
 pub use holes::close_holes;
 pub use io::{
     Geometry, GlbPart, GlbWriter, GltfFrame, MeshElements, MeshFileError, ReadError, StreamedMesh,
@@ -33,6 +30,6 @@ pub use io::{
     write_textured_obj,
 };
 pub use shape::{Shape, ShapeKind};
-pub use smooth::{SmoothOptions, smooth_part, smooth_piecewise_flat};
+pub use smooth::{SmoothOptions, smooth_piecewise_flat};
 pub use snap::{SNAP_REACH, snap_to_segments};
 pub use types::{GeometryError, LineSet, TriangleMesh};

@@ -13,9 +13,7 @@
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use crate::TriangleMesh;
 use crate::edge_uses::for_each_edge;
-use crate::feature_edges::UniquePositions;
 
 /// How a surface is smoothed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,39 +44,8 @@ impl SmoothOptions {
     }
 }
 
-/// Smooths `mesh`; vertex `i` moves by at most `bounds[i]`. Vertices on the boundary, those where more than two triangles meet at an
-/// edge, and those without a bound above 0 stay. Vertices at one position move together, by the least of their bounds.
-///
-/// The result does not depend on the number of threads.
-///
-/// # Complexity
-/// Linear in the triangles, where few of them meet at a vertex.
-///
-/// # Panics
-/// When there are not as many bounds as vertices.
-pub fn smooth_piecewise_flat(mesh: &mut TriangleMesh, bounds: &[f64], options: &SmoothOptions) {
-    assert_eq!(bounds.len(), mesh.positions.len(), "one bound a vertex");
-    let unique = UniquePositions::new(&mesh.positions);
-    let surface = Surface::merged(mesh, &unique);
-    let mut limits = vec![f64::INFINITY; surface.positions.len()];
-    for (vertex, bound) in bounds.iter().enumerate() {
-        let limit = &mut limits[unique.of(vertex as u32) as usize];
-        // A NaN is no bound above 0.
-        *limit = if *bound > 0.0 { limit.min(*bound) } else { 0.0 };
-    }
-    surface.hold_rims(&mut limits);
-    let normals = surface.filtered_normals(options);
-    let smooth = surface.fitted(&normals, &limits, options.vertex_rounds);
-    for (vertex, position) in mesh.positions.iter_mut().enumerate() {
-        let index = unique.of(vertex as u32) as usize;
-        if limits[index] > 0.0 {
-            *position = smooth[index];
-        }
-    }
-}
-
-/// The positions of the vertices of a part of a surface after smoothing it as [`smooth_piecewise_flat`] does. Vertices at one position do
-/// not move together.
+/// The positions of the vertices of a surface, or of a part of it, after smoothing; vertex `i` moves by at most `bounds[i]`. Vertices on the
+/// boundary, those where more than two triangles meet at an edge, and those without a bound above 0 stay.
 ///
 /// A position depends on the triangles within [`SmoothOptions::reach`] of its vertex alone: of a part that is cut out of a surface, vertices that
 /// are further from the cut have the positions that they have in the whole, if the order of the triangles is the same.
@@ -88,7 +55,7 @@ pub fn smooth_piecewise_flat(mesh: &mut TriangleMesh, bounds: &[f64], options: &
 ///
 /// # Panics
 /// When there are not as many bounds as positions.
-pub fn smooth_part(
+pub fn smooth_piecewise_flat(
     positions: &[Point3<f64>],
     triangles: &[[u32; 3]],
     bounds: &[f64],
@@ -135,17 +102,6 @@ struct Surface {
 }
 
 impl Surface {
-    /// The surface of a mesh, with one vertex for each position.
-    fn merged(mesh: &TriangleMesh, unique: &UniquePositions) -> Self {
-        let count = (0..mesh.positions.len() as u32).map(|vertex| unique.of(vertex) + 1);
-        let mut positions = vec![Point3::origin(); count.max().unwrap_or(0) as usize];
-        for (vertex, position) in mesh.positions.iter().enumerate() {
-            positions[unique.of(vertex as u32) as usize] = *position;
-        }
-        let corners = |triangle: &[u32; 3]| triangle.map(|vertex| unique.of(vertex));
-        Self::new(positions, mesh.triangles.iter().map(corners).collect())
-    }
-
     fn new(positions: Vec<Point3<f64>>, triangles: Vec<[u32; 3]>) -> Self {
         let mut uses: Vec<[u32; 2]> = (0..)
             .zip(&triangles)
@@ -278,6 +234,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::TriangleMesh;
 
     const SIDE: usize = 21;
 
@@ -300,6 +257,11 @@ mod tests {
             mesh.triangles.extend([[a, b, c], [a, c, d]]);
         }
         mesh
+    }
+
+    fn smooth(mesh: &mut TriangleMesh, bounds: &[f64]) {
+        let options = SmoothOptions::default();
+        mesh.positions = smooth_piecewise_flat(&mesh.positions, &mesh.triangles, bounds, &options);
     }
 
     /// Mean distance of the inner vertices beside the fold to the two planes, and that of those on the fold to it.
@@ -327,7 +289,7 @@ mod tests {
         let mut mesh = fold(0.1);
         let before = distances(&mesh);
         let bounds = vec![0.2; mesh.positions.len()];
-        smooth_piecewise_flat(&mut mesh, &bounds, &SmoothOptions::default());
+        smooth(&mut mesh, &bounds);
         let after = distances(&mesh);
         assert!(after[0] < 0.4 * before[0], "{before:?} {after:?}");
         assert!(after[1] < before[1], "{before:?} {after:?}");
@@ -337,7 +299,7 @@ mod tests {
     fn exact_planes_stay() {
         let (mut mesh, before) = (fold(0.0), fold(0.0));
         let bounds = vec![1.0; mesh.positions.len()];
-        smooth_piecewise_flat(&mut mesh, &bounds, &SmoothOptions::default());
+        smooth(&mut mesh, &bounds);
         for (now, before) in mesh.positions.iter().zip(&before.positions) {
             assert!((now - before).norm() < 1e-3, "{before} {now}");
         }
@@ -349,7 +311,7 @@ mod tests {
         let mut bounds = vec![0.02; mesh.positions.len()];
         bounds[10 * SIDE + 5] = 0.0;
         bounds[10 * SIDE + 6] = f64::NAN;
-        smooth_piecewise_flat(&mut mesh, &bounds, &SmoothOptions::default());
+        smooth(&mut mesh, &bounds);
         let moved = |index: usize| (mesh.positions[index] - before.positions[index]).norm();
         assert!((0..mesh.positions.len()).all(|index| moved(index) <= 0.02 + 1e-12));
         assert!((0..SIDE).all(|x| moved(x) == 0.0));
@@ -358,30 +320,14 @@ mod tests {
     }
 
     #[test]
-    fn copies_of_a_vertex_stay_together() {
-        let mut mesh = fold(0.1);
-        let center = 10 * SIDE + 5;
-        mesh.positions.push(mesh.positions[center]);
-        let copy = mesh.positions.len() as u32 - 1;
-        let using = |triangle: &&mut [u32; 3]| triangle.contains(&(center as u32));
-        let triangle = mesh.triangles.iter_mut().find(using).unwrap();
-        *triangle = triangle.map(|it| if it == center as u32 { copy } else { it });
-        let bounds = vec![0.2; mesh.positions.len()];
-        let before = mesh.positions[center];
-        smooth_piecewise_flat(&mut mesh, &bounds, &SmoothOptions::default());
-        assert_eq!(mesh.positions[center], mesh.positions[copy as usize]);
-        assert!(mesh.positions[center] != before);
-    }
-
-    #[test]
     fn degenerate_meshes() {
         let mut empty = TriangleMesh::default();
-        smooth_piecewise_flat(&mut empty, &[], &SmoothOptions::default());
+        smooth(&mut empty, &[]);
         let mut mesh = fold(0.1);
         mesh.positions[10 * SIDE + 5].x = f64::NAN;
         mesh.triangles.push([3, 3, 4]);
         let bounds = vec![0.2; mesh.positions.len()];
-        smooth_piecewise_flat(&mut mesh, &bounds, &SmoothOptions::default());
+        smooth(&mut mesh, &bounds);
         let far = mesh.positions[18 * SIDE + 18];
         assert!(far.coords.iter().all(|value| value.is_finite()));
     }

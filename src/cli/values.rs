@@ -6,7 +6,7 @@ use linecarve_mesh::texture::TextureFormat;
 use linecarve_synth::{SceneKind, SequenceLayout};
 
 use crate::sinks::{Format, Growth};
-use linecarve_engine::options::{LabelKind, SurfaceMethod};
+use linecarve_engine::options::LabelKind;
 
 /// Declares the command-line form of a library's enum: the same variants, with help texts and a conversion.
 macro_rules! choice {
@@ -63,16 +63,6 @@ choice! {
         Jpeg,
         /// Without loss, several times as large.
         Png,
-    }
-}
-
-choice! {
-    /// What the final surface is made of.
-    SurfaceMethodChoice for SurfaceMethod {
-        /// The boundary of the carved free space, as after the last keyframe.
-        Carved,
-        /// The pixels of all depth images, fused on a grid: smoother outlines, and more vertices where depth is noisy.
-        Fused,
     }
 }
 

@@ -15,11 +15,9 @@ use crate::sinks::{
     GrowthFiles, LiveSink, OutputFolder, PageRecorder, ResultSettings, RichestKeyframe, RunLog,
     final_mesh, model_left_out, reason_for_nothing, write_results, write_tracked_poses,
 };
-use linecarve_engine::map::Map;
-use linecarve_engine::options::SurfaceMethod;
 use linecarve_engine::run::{CancelToken, Checkpoint};
 use linecarve_engine::video::is_video;
-use linecarve_engine::{Options, Reconstruction, Recording, RunOptions, Sink, Source};
+use linecarve_engine::{Reconstruction, Recording, RunOptions, Sink, Source};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let path = &args.input.sequence;
@@ -73,8 +71,6 @@ pub fn reconstruct(
     let mut options = parameters(&args.stages, &args.selection)?;
     let labels = &mut options.carving.labels;
     *labels = args.labels.map_or(*labels, Into::into);
-    let method = &mut options.surface.method;
-    *method = args.surface.map_or(*method, Into::into);
     let simplification = &mut options.simplify;
     simplification.tolerance = args.simplify.or(simplification.tolerance);
     let (depth, source) = (args.stages.depth, args.from.into());
@@ -105,9 +101,6 @@ pub fn reconstruct(
         keeps_keyframes: false,
     };
     let mut run = Reconstruction::new(recording, settings)?;
-    for warning in without_effect(run.recording(), run.map()) {
-        log.warn(warning);
-    }
     if let Some(warning) = model_left_out(run.map()) {
         log.warn(warning);
     }
@@ -129,7 +122,6 @@ pub fn reconstruct(
         sinks.push(&mut log);
         run.run(token, &mut sinks)?
     };
-    run.release_carving(page.is_some());
     log.set_resumed(checkpoint.as_ref().map_or(0, Checkpoint::reused));
 
     let formats = args.stages.formats();
@@ -159,38 +151,4 @@ pub fn reconstruct(
         checkpoint.finish()?;
     }
     Ok((outcome, run, mesh))
-}
-
-/// What was asked for and does not matter for the surface that is written.
-fn without_effect(recording: &Recording, map: &Map) -> Vec<String> {
-    let (options, defaults) = (&recording.options, Options::default());
-    let mut warnings = Vec::new();
-    if options.surface.method == SurfaceMethod::Fused && !map.is_fused() {
-        warnings.push(
-            "--surface fused has no effect: without depth images from a sensor the surface is carved"
-                .to_owned(),
-        );
-    }
-    if map.is_fused() {
-        let carved = [
-            ("carving", options.carving != defaults.carving),
-            (
-                "surface.least_measured_share",
-                options.surface.least_measured_share != defaults.surface.least_measured_share,
-            ),
-            (
-                "surface.longest_edge_share",
-                options.surface.longest_edge_share != defaults.surface.longest_edge_share,
-            ),
-        ];
-        let keys = carved.into_iter().filter(|(_, is_set)| *is_set);
-        let keys: Vec<&str> = keys.map(|(key, _)| key).collect();
-        if !keys.is_empty() {
-            warnings.push(format!(
-                "the final surface is fused from depth images, which does not depend on {}; --surface carved does",
-                keys.join(", ")
-            ));
-        }
-    }
-    warnings
 }

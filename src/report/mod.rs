@@ -137,7 +137,7 @@ pub struct MapPointReport {
 /// The result.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct ResultSummary {
-    /// What the final surface is made of: `carved` or `fused`.
+    /// What the surface is made of: `carved`.
     pub surface: &'static str,
     /// Number of 3D segments.
     pub segments: usize,

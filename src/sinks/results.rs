@@ -73,7 +73,7 @@ pub(crate) fn write_results(
         result.segments = segments.segment_count();
         result.clusters = segments.cluster_count();
     }
-    result.surface = if map.is_fused() { "fused" } else { "carved" };
+    result.surface = "carved";
     let carved = map.carved_counts();
     result.points = carved.points;
     result.rays = carved.rays;

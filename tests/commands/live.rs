@@ -191,8 +191,7 @@ fn a_live_page_follows_a_session() {
     assert_eq!(seen.keyframes.len(), 5);
     assert_eq!(seen.keyframes[1]["position"], seen.keyframes[2]["position"]);
     assert!(session.run.child.wait().unwrap().success());
-    // The final mesh is fused from depth images; the page shows the carved surface.
-    assert!(!surface_of(&out.join("mesh.ply")).is_empty() && !seen.surface().is_empty());
+    assert_eq!(seen.surface(), surface_of(&out.join("mesh.ply")));
 }
 
 #[test]

@@ -18,7 +18,7 @@ enum Recording {
 use Recording::{Boxes, Room, RoomPoints};
 
 /// A key, where it matters, and two settings of which only the value of this key differs.
-const CASES: [(&str, Recording, [&str; 2]); 13] = [
+const CASES: [(&str, Recording, [&str; 2]); 12] = [
     ("carving.labels", Boxes, ["", "carving.labels = 'votes'"]),
     (
         "carving.free_threshold",
@@ -43,7 +43,6 @@ const CASES: [(&str, Recording, [&str; 2]); 13] = [
         Boxes,
         ["", "carving.cut.quality_weight = 4"],
     ),
-    ("surface.method", Boxes, ["", "surface.method = 'fused'"]),
     (
         "surface.longest_edge_share",
         RoomPoints,
@@ -60,15 +59,7 @@ const CASES: [(&str, Recording, [&str; 2]); 13] = [
         ["", "surface.minimum_component = 60"],
     ),
     ("surface.holes", Room, ["", "surface.holes = 'all'"]),
-    // Small holes are closed in fused surfaces alone.
-    (
-        "surface.holes",
-        Boxes,
-        [
-            "surface.method = 'fused'",
-            "surface.method = 'fused'\nsurface.holes = 'none'",
-        ],
-    ),
+    ("surface.holes", Room, ["", "surface.holes = 'none'"]),
     (
         "simplify.tolerance",
         Boxes,

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::table::{Key, Number, OutOfRange, Setting, Table, Values, table};
 use super::tolerance;
-use crate::options::{HoleFilling, LabelKind, Options, SurfaceMethod};
+use crate::options::{HoleFilling, LabelKind, Options};
 
 const FLAG: Values = Values::any("true or false");
 
@@ -176,10 +176,6 @@ table! {
 table! {
     /// The surface that is written: which triangles are left out.
     ["surface"] SurfaceTable {
-        /// What the final surface is made of. `"carved"` writes the boundary of the carved free space, as it is after the last keyframe.
-        /// `"fused"` fuses the pixels of all depth images on a grid: outlines are smoother, and noisy depth gives several times as many
-        /// vertices. The flag `--surface` overrides it.
-        method: SurfaceMethod = surface.method, Values::any("\"carved\" or \"fused\"");
         /// Without depth images, longest edge of a triangle, as a share of the median scene depth; 0 keeps all triangles. Where
         /// depth is measured between edges (`semi_dense.between_edges`), 0.11 is the largest that counts.
         /// Set it lower against triangles that span gaps, higher for a more closed surface.
@@ -190,8 +186,8 @@ table! {
         /// Least number of triangles of a connected component.
         /// Set it higher against loose pieces.
         minimum_component: usize = surface.minimum_component, Values::range(0.0, 1e9, "a whole number from 0 to 1000000000");
-        /// Holes of the final mesh that are closed: `"all"` closes any with up to 400 edges, `"measured"` small ones of a fused surface where
-        /// depth was measured, `"none"` none.
+        /// Holes that are closed: `"all"` closes any of the final mesh with up to 400 edges, `"measured"` gaps of a single triangle amid others
+        /// that depth confirms, `"none"` none.
         /// Set it to `"all"` for a mesh that has to be closed: surface is then invented where nothing was measured.
         holes: HoleFilling = surface.holes, Values::any("\"none\", \"measured\" or \"all\"");
     }

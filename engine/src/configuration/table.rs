@@ -2,7 +2,7 @@
 
 use linecarve_mesh::diff::Tolerance;
 
-use crate::options::{HoleFilling, LabelKind, SurfaceMethod};
+use crate::options::{HoleFilling, LabelKind};
 
 /// A table of the configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,8 +125,6 @@ impl Number for bool {}
 impl Number for HoleFilling {}
 
 impl Number for LabelKind {}
-
-impl Number for SurfaceMethod {}
 
 /// Declares a table: `["name"] Struct { key: Type = field of the options, values; ... } tables { name: Struct, ... }`.
 macro_rules! table {

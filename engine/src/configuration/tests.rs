@@ -7,7 +7,7 @@ use linecarve_mesh::diff::Tolerance;
 use super::read::parse;
 use super::{Configuration, ConfigurationError, Table};
 use crate::options::Options;
-use crate::options::{LabelKind, SurfaceMethod};
+use crate::options::{HoleFilling, LabelKind};
 
 fn read(text: &str) -> Result<Configuration, ConfigurationError> {
     parse(text, Path::new("room.toml"))
@@ -81,7 +81,7 @@ min_views = 2
 labels = "votes"
 cut.quality_weight = 0.2
 [surface]
-method = "fused"
+holes = "all"
 longest_edge_share = 0
 [simplify]
 tolerance = "0.07%"
@@ -97,7 +97,7 @@ boundary_tolerance = 0.01
     assert_eq!(options.point_model.min_views, 2);
     assert_eq!(options.carving.labels, LabelKind::Votes);
     assert_eq!(options.carving.cut.quality_weight, 0.2);
-    assert_eq!(options.surface.method, SurfaceMethod::Fused);
+    assert_eq!(options.surface.holes, HoleFilling::All);
     assert_eq!(options.surface.longest_edge_share, None);
     assert_eq!(
         options.simplify.tolerance,

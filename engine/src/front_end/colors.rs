@@ -1,6 +1,6 @@
 //! Colours of a keyframe at the resolution of surface vertices.
 
-use linecarve_lines::image::{PackedPlane, Plane};
+use linecarve_lines::image::Plane;
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
@@ -9,8 +9,6 @@ use linecarve_sequence::ColorImage;
 /// Side of a block of pixels that share a colour, in pixels. Vertices are further apart, and the mean is less noisy than a
 /// pixel on an edge.
 const BLOCK_PX: usize = 4;
-/// Largest value of a channel.
-const LARGEST_CHANNEL: i16 = 255;
 
 /// sRGB colours of pixel blocks. Columns and rows beyond the last whole block are dropped.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -45,23 +43,6 @@ impl KeyframeColors {
         }
     }
 
-    /// The same colours in less memory.
-    pub(crate) fn packed(&self) -> PackedColors {
-        let (width, height) = (self.blocks.width(), self.blocks.height());
-        let packed = |channel: fn([i16; 3]) -> i16| {
-            let blocks = self.blocks.samples().iter();
-            let values = blocks.map(|block| channel(block.map(i16::from)) as u16);
-            PackedPlane::new(width, height, &values.collect::<Vec<_>>())
-        };
-        PackedColors {
-            channels: [
-                packed(|[_, g, _]| g),
-                packed(|[r, g, _]| r - g + LARGEST_CHANNEL),
-                packed(|[_, g, b]| b - g + LARGEST_CHANNEL),
-            ],
-        }
-    }
-
     /// The colour at a pixel; `None` outside the image.
     pub fn at(&self, pixel: &Point2<f64>) -> Option<[u8; 3]> {
         let block = |along: f64| {
@@ -69,32 +50,6 @@ impl KeyframeColors {
             (0.0..65536.0).contains(&block).then_some(block as usize)
         };
         self.blocks.get(block(pixel.x)?, block(pixel.y)?).copied()
-    }
-}
-
-/// The colours of a keyframe, packed without loss.
-#[derive(Debug, Clone)]
-pub(crate) struct PackedColors {
-    /// Green, and red and blue from their lowest difference to it on.
-    channels: [PackedPlane; 3],
-}
-
-impl PackedColors {
-    /// The colours.
-    ///
-    /// # Complexity
-    /// Linear in the blocks, some thirty nanoseconds each.
-    pub(crate) fn unpack(&self) -> KeyframeColors {
-        let [green, red, blue] = self.channels.each_ref().map(PackedPlane::unpack);
-        let above_green = |g: u16, value: u16| (g + value - LARGEST_CHANNEL as u16) as u8;
-        let channels = green.into_iter().zip(red).zip(blue);
-        let blocks = channels
-            .map(|((g, r), b)| [above_green(g, r), g as u8, above_green(g, b)])
-            .collect();
-        let (width, height) = (self.channels[0].width(), self.channels[0].height());
-        KeyframeColors {
-            blocks: Plane::new(width, height, blocks).unwrap_or_default(),
-        }
     }
 }
 
@@ -115,18 +70,5 @@ mod tests {
             assert_eq!(colors.at(&Point2::new(outside, 0.0)), None);
         }
         assert_eq!(KeyframeColors::default().at(&Point2::origin()), None);
-    }
-
-    #[test]
-    fn packed_colors_come_back() {
-        let channel = |x: u32, factor: u32| (x.wrapping_mul(factor) >> 7) as u8;
-        for (width, height) in [(3, 3), (64, 40), (41, 81)] {
-            let image = ColorImage::from_fn(width, height, |x, y| {
-                let block = x / 4 + 1000 * (y / 4);
-                image::Rgb([0x9e37, 0x79b9, 0x85eb].map(|factor| channel(block, factor)))
-            });
-            let colors = KeyframeColors::of(&image);
-            assert_eq!(colors.packed().unpack(), colors);
-        }
     }
 }

@@ -2,14 +2,13 @@
 
 use std::ops::Range;
 
-use linecarve_lines::depth::CompactDepth;
 use linecarve_lines::fit::Segment;
 use linecarve_lines::triangulation::SurfaceSamples;
 use linecarve_points::Features;
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::colors::{KeyframeColors, PackedColors};
+use super::colors::KeyframeColors;
 use super::edge_points::EdgePoint;
 use crate::run::StageTimes;
 
@@ -37,8 +36,6 @@ pub struct LineKeyframe {
     pub edge_points: Vec<EdgePoint>,
     /// Samples of the surface between segments, where depth is dense.
     pub surface: SurfaceSamples,
-    /// The depth image, where there is one.
-    pub depth: Option<CompactDepth>,
     /// Number of values of the depth image that its camera cannot have measured; they are unknown.
     pub unmeasurable_depths: usize,
     /// Colours of its image.
@@ -54,12 +51,6 @@ pub struct LineKeyframe {
 }
 
 impl LineKeyframe {
-    /// The depth image and the colours, where there is a depth image.
-    pub(crate) fn colored_depth(&self) -> Option<(CompactDepth, PackedColors)> {
-        let depth = self.depth.as_ref()?;
-        Some((depth.clone(), self.colors.packed()))
-    }
-
     /// Ends of the segments in the image, in pixels.
     pub fn ends_px(&self) -> Vec<[[f64; 2]; 2]> {
         let segments = self.segments.iter();

@@ -29,7 +29,6 @@ use serde::de::DeserializeOwned;
 use crate::run::Checkpoint;
 
 pub use colors::KeyframeColors;
-pub(crate) use colors::PackedColors;
 pub use depth_source::{DepthSource, SemiDenseSource};
 pub use edge_points::EdgePoint;
 pub use error::FrontEndError;

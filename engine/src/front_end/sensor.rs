@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use linecarve_lines::depth::{CompactDepth, DepthSensor};
+use linecarve_lines::depth::DepthSensor;
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
 use linecarve_sequence::Sequence;
 
@@ -79,7 +79,6 @@ impl SensorFrontEnd {
             frame: name(),
             source,
         })?;
-        let compact = CompactDepth::new(&depth, &self.sensor, camera);
         let registered = start.elapsed() - loaded;
         let extraction = self
             .extractor
@@ -94,7 +93,6 @@ impl SensorFrontEnd {
             segments: extraction.segments,
             edge_points: Vec::new(),
             surface: extraction.surface,
-            depth: Some(compact),
             unmeasurable_depths: unmeasurable,
             colors,
             edge_chains: extraction.chains,

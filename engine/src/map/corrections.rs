@@ -39,7 +39,6 @@ impl Map {
         &mut self,
         keyframes: &[(usize, Option<Isometry3<f64>>)],
     ) -> Result<MapUpdate, MapError> {
-        self.check_growing()?;
         let Contents::Lines(lines) = &mut self.contents else {
             return Err(MapError::WrongKeyframe);
         };

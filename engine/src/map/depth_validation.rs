@@ -11,9 +11,7 @@ mod samples;
 use linecarve_carving::IncidentCells;
 use linecarve_carving::{SurfaceDelta, Triangle, VertexId, ViewId};
 use linecarve_lines::camera::Camera;
-use linecarve_lines::depth::CompactDepth;
 use linecarve_lines::triangulation::SurfaceSamples;
-use linecarve_mesh::fusion::PosedDepth;
 use nalgebra::{Isometry3, Point3};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
@@ -21,7 +19,6 @@ use rustc_hash::FxHashMap;
 use self::samples::Samples;
 use super::surface_points::KeyframeSurface;
 use super::vertex_landmarks::VertexViews;
-use crate::front_end::PackedColors;
 use crate::options::SurfacePointOptions;
 
 /// Subdivisions of each edge of a triangle; the centres of the upright sub-triangles are its samples.
@@ -39,11 +36,7 @@ struct DenseView {
     surface: SurfaceSamples,
     /// Mean of the measured points, in the frame of the camera.
     middle: Point3<f64>,
-    image: Option<ColoredDepth>,
 }
-
-/// A depth image with the colours of its keyframe.
-pub(super) type ColoredDepth = (CompactDepth, PackedColors);
 
 /// Whether dense depth confirms a triangle of the surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -143,14 +136,13 @@ impl DepthValidation {
         std::mem::take(&mut self.changed)
     }
 
-    /// Adds a view with depth `surface`, and the image that it comes from; its landmarks follow with [`update`](Self::update), or all with
+    /// Adds a view with depth `surface`; its landmarks follow with [`update`](Self::update), or all with
     /// [`validate_anew`](Self::validate_anew).
     pub(super) fn add_view(
         &mut self,
         view: ViewId,
         world_from_camera: &Isometry3<f64>,
         surface: &SurfaceSamples,
-        image: Option<ColoredDepth>,
     ) {
         if self.least_share <= 0.0 {
             return;
@@ -165,7 +157,6 @@ impl DepthValidation {
             world_from_camera: *world_from_camera,
             surface: surface.thinned(),
             middle,
-            image,
         });
         self.newest = Some(view);
     }
@@ -264,57 +255,6 @@ impl DepthValidation {
             self.open_vertices.insert_corners(triangle);
         }
         self.update(map, delta, landmarks);
-    }
-
-    /// Whether the surfaces of keyframes lie along a triangle, wherever it comes from, and are not behind most of it.
-    pub(super) fn is_along(
-        &self,
-        surfaces: &[KeyframeSurface<'_>],
-        corners: &[Point3<f64>; 3],
-    ) -> bool {
-        let samples = Samples::of(*corners);
-        let mut evidence = FacetEvidence::default();
-        for surface in surfaces {
-            samples.compare(surface, &mut evidence);
-        }
-        evidence.agreed != 0 && evidence.is_measured(0.0)
-    }
-
-    /// The depth images of all keyframes that have one, with their poses.
-    pub(super) fn depth_images(&self) -> impl Iterator<Item = PosedDepth<'_>> {
-        let views = self.dense_views.iter().flatten();
-        views.filter_map(|view| {
-            let (depth, _) = view.image.as_ref()?;
-            Some(PosedDepth::new(depth, &view.world_from_camera))
-        })
-    }
-
-    /// Moves what is kept of each view, so that it no longer lies between what was given back.
-    pub(super) fn compact(&mut self) {
-        for view in &mut self.dense_views {
-            *view = view.clone();
-        }
-        self.dense_views.shrink_to_fit();
-    }
-
-    /// Frees what is known of triangles.
-    pub(super) fn release_triangles(&mut self) {
-        self.triangles = FxHashMap::default();
-        self.open_vertices = VertexSet::default();
-        self.changed = Vec::new();
-    }
-
-    /// The colours of the keyframes of [`dense_surfaces`](Self::dense_surfaces).
-    pub(super) fn colors(&self) -> Vec<Option<&PackedColors>> {
-        let images = self.dense_views.iter().flatten().map(|view| &view.image);
-        images
-            .map(|image| image.as_ref().map(|(_, colors)| colors))
-            .collect()
-    }
-
-    /// The surfaces of all keyframes that have one.
-    pub(super) fn dense_surfaces(&self) -> Vec<KeyframeSurface<'_>> {
-        self.surfaces().collect()
     }
 
     /// The surfaces of all keyframes that have one, in their order.

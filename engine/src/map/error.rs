@@ -56,7 +56,4 @@ pub enum MapError {
     /// The keyframe comes from a front end of another kind than the map.
     #[error("the keyframe does not match the kind of this map")]
     WrongKeyframe,
-    /// What keyframes need was freed.
-    #[error("the map holds only what its final surface needs, and takes no more keyframes")]
-    Released,
 }

@@ -7,39 +7,22 @@ use linecarve_mesh::{TriangleMesh, close_holes};
 use super::lines::VertexColors;
 use super::surface::DEFAULT_COLOR;
 use super::{Contents, Map};
-use crate::options::{HoleFilling, Options, SurfaceMethod};
+use crate::options::{HoleFilling, Options};
 
 /// Most edges of a hole that can be closed; the cost is cubic in them.
 const LARGEST_HOLE_EDGES: usize = 400;
 
 impl Map {
-    /// The current surface: what is written after the last keyframe. It is the carved [`surface`](Self::surface) or, where
-    /// `options.surface.method` says so and there are depth images, fused from them. `options.surface.holes` may close all holes.
+    /// The current [`surface`](Self::surface) as it is written after the last keyframe: `options.surface.holes` may close all holes.
     ///
     /// # Complexity
-    /// That of [`surface`](Self::surface) or of [`fuse_depth`](linecarve_mesh::fusion::fuse_depth).
+    /// That of [`surface`](Self::surface).
     pub fn final_surface(&self) -> TriangleMesh {
-        let mut mesh = self.fused_surface().unwrap_or_else(|| self.surface());
+        let mut mesh = self.surface();
         if self.options.surface.holes == HoleFilling::All {
             close_all_holes(&mut mesh);
         }
         mesh
-    }
-
-    /// The surface that is fused from depth images; `None` where it is carved.
-    fn fused_surface(&self) -> Option<TriangleMesh> {
-        match (&self.contents, self.median_depth()) {
-            (Contents::Lines(lines), Some(median_depth)) if self.is_fused() => {
-                let surface = lines.fused_surface(&self.options.surface, median_depth);
-                surface.make()
-            }
-            _ => None,
-        }
-    }
-
-    /// Whether the final surface is fused from depth images, and not carved.
-    pub fn is_fused(&self) -> bool {
-        self.has_depth_images && self.options.surface.method == SurfaceMethod::Fused
     }
 
     /// The surface of a map whose carving was [left](Self::leave_carving) to others, from all triangles that they carved; `None` for
@@ -112,7 +95,7 @@ pub(crate) fn export_options(options: &Options, median_depth: Option<f64>) -> Ex
         minimum_component: surface.minimum_component,
         manifold: surface.manifold,
         // The samples of a triangle are few: one that is left out alone is seldom a hole.
-        fill_gaps: true,
+        fill_gaps: surface.holes != HoleFilling::None,
     }
 }
 

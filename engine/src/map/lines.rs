@@ -16,7 +16,6 @@ use super::depth_evidence::{Change, DepthEvidence};
 use super::depth_noise::DepthNoise;
 use super::depth_validation::{DepthValidation, FacetStatus};
 use super::error::MapError;
-use super::fused_surface::FusedSurface;
 use super::landmark_fusion::LandmarkFusion;
 use super::provisional::{ProvisionalContext, ProvisionalKeyframes};
 use super::segment_map::SegmentMap;
@@ -26,7 +25,7 @@ use super::update::MapUpdate;
 use super::vertex_fit::FittedVertices;
 use super::vertex_landmarks::{CarvedSurface, VertexLandmarks, VertexViews};
 use crate::front_end::LineKeyframe;
-use crate::options::{Options, SurfaceMethod, SurfaceOptions};
+use crate::options::Options;
 
 impl MapUpdate {
     /// Counts the landmarks that the current keyframe observes; those from index `known` on are new.
@@ -56,8 +55,6 @@ pub(super) struct LineMap {
     segment_reach: f64,
     /// Depth as evidence for free and occupied cells, where it comes from depth images.
     evidence: Option<DepthEvidence>,
-    /// Whether depth images are kept, for a surface that is fused from them.
-    keeps_images: bool,
 }
 
 impl LineMap {
@@ -80,7 +77,6 @@ impl LineMap {
         let pixel = median_depth / camera.mean_focal_px();
         let spacing = spacing_px * pixel;
         let evidence = DepthEvidence::new(spacing);
-        let method = options.surface.method;
         Ok(Self {
             camera: camera.clone(),
             noise: DepthNoise::new(noise),
@@ -100,7 +96,6 @@ impl LineMap {
                 && options.surface_points.enabled
                 && options.surface.least_measured_share > 0.0,
             segment_reach: reach_px * pixel,
-            keeps_images: is_measured && method == SurfaceMethod::Fused,
         })
     }
 
@@ -228,20 +223,6 @@ impl LineMap {
         Ok(update)
     }
 
-    /// Frees landmarks and what depends on them.
-    pub(super) fn release_landmarks(&mut self, options: &Options) {
-        self.landmarks = LandmarkFusion::new(options);
-        self.vertices = VertexLandmarks::default();
-        self.segments.release_clusterer();
-        self.validation.release_triangles();
-        self.evidence = None;
-    }
-
-    /// Moves the depth of keyframes, see [`DepthValidation::compact`].
-    pub(super) fn compact(&mut self) {
-        self.validation.compact();
-    }
-
     fn add(
         &mut self,
         carver: &mut Carver,
@@ -283,9 +264,7 @@ impl LineMap {
             landmarks.update_landmarks(&mut transaction)?;
         landmarks.add_observations(&mut transaction, view, &center)?;
         update.count_points(landmarks, known);
-        let image = self.keeps_images.then(|| keyframe.colored_depth());
-        self.validation
-            .add_view(view, pose, &keyframe.surface, image.flatten());
+        self.validation.add_view(view, pose, &keyframe.surface);
         if let (Some(evidence), Some(surface)) =
             (&mut self.evidence, self.validation.surface_of(view))
         {
@@ -334,22 +313,6 @@ impl LineMap {
         match is_exported {
             true => TriangleRole::Exported,
             false => TriangleRole::Counted,
-        }
-    }
-
-    /// What a surface that is fused from depth images is made from.
-    pub(super) fn fused_surface<'a>(
-        &'a self,
-        options: &'a SurfaceOptions,
-        median_depth: f64,
-    ) -> FusedSurface<'a> {
-        FusedSurface {
-            validation: &self.validation,
-            noise: &self.noise,
-            focal_px: self.camera.mean_focal_px(),
-            median_depth,
-            options,
-            segments: self.segments.cluster_ends().collect(),
         }
     }
 

@@ -10,7 +10,6 @@ mod depth_noise;
 mod depth_validation;
 mod error;
 mod export;
-mod fused_surface;
 mod keyframe_measurements;
 mod landmark;
 mod landmark_fusion;
@@ -29,7 +28,6 @@ mod surface;
 mod surface_points;
 mod update;
 mod vertex_adjustment;
-mod vertex_colors;
 mod vertex_fit;
 mod vertex_landmarks;
 mod view_region;
@@ -73,8 +71,6 @@ pub struct Map {
     has_depth_images: bool,
     /// Whether the carver stays as it is after the last keyframe, without cells.
     leaves_carving: bool,
-    /// What was carved before it was released.
-    released: Option<CarvedCounts>,
     /// Time of carving after the last keyframe.
     final_carving: Option<Duration>,
     /// The exported surface, where it is followed.
@@ -129,7 +125,6 @@ impl Map {
     /// When the carver rejects its position or one of its points: not finite or out of range. The map must not be used
     /// afterwards.
     pub fn push(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, MapError> {
-        self.check_growing()?;
         let carver = &mut self.carver;
         let number = self.keyframes;
         let mut update = match (&mut self.contents, keyframe) {
@@ -167,7 +162,6 @@ impl Map {
     /// # Errors
     /// As [`push`](Self::push).
     pub fn push_provisional(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, MapError> {
-        self.check_growing()?;
         let update = match (&mut self.contents, keyframe) {
             (Contents::Lines(lines), Keyframe::Lines(keyframe)) => {
                 lines.push_provisional(&mut self.carver, &self.options, keyframe)?

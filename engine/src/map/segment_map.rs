@@ -29,8 +29,6 @@ enum Clusters {
     Growing(Box<SegmentClusterer>),
     /// By first come, as in the paper.
     FirstCome(Box<PaperClusterer>),
-    /// Representatives of those of sufficient size, oldest first.
-    Final(Vec<[Point3<f64>; 2]>),
 }
 
 impl SegmentMap {
@@ -71,7 +69,6 @@ impl SegmentMap {
                     clusterer.insert(ends_in_world, &mut self.events).is_some()
                 }
                 Clusters::FirstCome(clusterer) => clusterer.insert(ends_in_world),
-                Clusters::Final(_) => unreachable!("a map with final clusters takes no keyframes"),
             };
             if is_inserted {
                 self.segments.push(ends_in_world.map(|end| end.cast()));
@@ -118,7 +115,6 @@ impl SegmentMap {
                 }
                 return;
             }
-            Clusters::Final(_) => unreachable!("a map with final clusters takes no keyframes"),
         };
         self.events.clear();
         let ends = |id: SegmentId| self.segments[id.0 as usize].map(|end| end.cast());
@@ -131,12 +127,6 @@ impl SegmentMap {
         {
             clusterer.close_single(of_keyframe(keyframe, &self.first_of, self.segments.len()));
         }
-    }
-
-    /// Makes the clusters final, and frees what is needed to change them.
-    pub(super) fn release_clusterer(&mut self) {
-        self.clusters = Clusters::Final(self.cluster_ends().collect());
-        self.events = Vec::new();
     }
 
     /// Number of segments.
@@ -156,7 +146,6 @@ impl SegmentMap {
         match &self.clusters {
             Clusters::Growing(clusterer) => clusterer.cluster_count(),
             Clusters::FirstCome(clusterer) => clusterer.line_count(),
-            Clusters::Final(ends) => ends.len(),
         }
     }
 
@@ -182,23 +171,21 @@ impl SegmentMap {
     ) -> impl Iterator<Item = [Point3<f64>; 2]> {
         let growing = match &self.clusters {
             Clusters::Growing(clusterer) => Some(clusterer.clusters_near(position, reach)),
-            Clusters::FirstCome(_) | Clusters::Final(_) => None,
+            Clusters::FirstCome(_) => None,
         };
         growing.into_iter().flatten()
     }
 
     /// Their end points.
     pub(super) fn cluster_ends(&self) -> impl Iterator<Item = [Point3<f64>; 2]> {
-        let (growing, first_come, last) = match &self.clusters {
-            Clusters::Growing(clusterer) => (Some(clusterer.clusters()), None, None),
-            Clusters::FirstCome(clusterer) => (None, Some(clusterer.lines()), None),
-            Clusters::Final(ends) => (None, None, Some(ends)),
+        let (growing, first_come) = match &self.clusters {
+            Clusters::Growing(clusterer) => (Some(clusterer.clusters()), None),
+            Clusters::FirstCome(clusterer) => (None, Some(clusterer.lines())),
         };
         let growing = growing.into_iter().flatten();
         growing
             .map(|(_, cluster)| cluster.representative.ends)
             .chain(first_come.into_iter().flatten())
-            .chain(last.into_iter().flatten().copied())
     }
 }
 

@@ -133,7 +133,6 @@ impl Map {
             median_depth,
             has_depth_images: false,
             leaves_carving: false,
-            released: None,
             final_carving: None,
             surface: None,
             keyframes: 0,

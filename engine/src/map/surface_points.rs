@@ -270,14 +270,6 @@ impl<'a> KeyframeSurface<'a> {
         Some((vertex.pixel, nearer / self.sigma(&sample)))
     }
 
-    /// Projection and inverse depth of a world point that lies on the measured surface; `None` for others.
-    pub(super) fn place_on(&self, point_in_world: &Point3<f64>) -> Option<(Point2<f64>, f64)> {
-        let (vertex, sample) = self.look_up(point_in_world)?;
-        let bound = self.agreement_sigmas * self.sigma(&sample);
-        let is_on_surface = (vertex.rho - f64::from(sample.rho)).abs() <= bound;
-        is_on_surface.then_some((vertex.pixel, vertex.rho))
-    }
-
     /// Whether a world point lies in front of the measured surface (`Less`), on it or behind it; `None` where nothing was
     /// measured.
     pub(super) fn compare_depth(&self, point_in_world: &Point3<f64>) -> Option<Ordering> {

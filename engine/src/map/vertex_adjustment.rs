@@ -9,11 +9,9 @@
 //! The quadric of planes is that of Garland and Heckbert, "Surface simplification using quadric error metrics", SIGGRAPH 1997; the
 //! weights are Tukey's, as in Holland and Welsch, "Robust regression using iteratively reweighted least-squares", 1977.
 
-use linecarve_mesh::TriangleMesh;
 use nalgebra::{Matrix3, Point3, Vector3};
-use rayon::prelude::*;
 
-use super::surface_points::{KeyframeSurface, MeasuredPlane};
+use super::surface_points::MeasuredPlane;
 
 /// Planes further away from a carved vertex than this, in standard deviations of the depth along the ray, are those of another surface.
 pub(super) const GATE_SIGMAS: f64 = 4.0;
@@ -23,31 +21,6 @@ const TUKEY_SIGMAS: f64 = 3.0;
 const PRIOR_SHARE: f64 = 0.05;
 /// Iterations of the weights.
 const ITERATIONS: usize = 4;
-
-/// Moves the vertices of `mesh` that `may_move` to where the dense depth of all `views` says that they are: planes within `gate` standard deviations of
-/// a vertex count. Vertices that no view measured stay.
-///
-/// # Complexity
-/// O(vertices x views).
-pub(super) fn adjust_vertices(
-    mesh: &mut TriangleMesh,
-    views: &[KeyframeSurface<'_>],
-    gate: f64,
-    may_move: impl Fn(&Point3<f64>) -> bool + Sync,
-) {
-    if views.is_empty() {
-        return;
-    }
-    mesh.positions
-        .par_iter_mut()
-        .filter(|position| may_move(position))
-        .for_each_init(Vec::new, |planes, position| {
-            planes.clear();
-            let measured = views.iter();
-            planes.extend(measured.filter_map(|view| view.plane_near(position, gate)));
-            *position = adjusted(position, planes);
-        });
-}
 
 /// Standard deviation with which one view measured a position along its normal: the root of the mean variance of the planes around it; 0
 /// without planes.
@@ -64,31 +37,6 @@ pub(super) fn scatter_of(planes: &mut [MeasuredPlane]) -> f64 {
     }
     planes.sort_unstable_by(|a, b| a.distance.abs().total_cmp(&b.distance.abs()));
     planes[planes.len() / 4].distance.abs()
-}
-
-/// How far the planes that views measured around each position lie apart, see [`scatter_of`].
-///
-/// # Complexity
-/// O(positions x views).
-pub(super) fn scatter(positions: &[Point3<f64>], views: &[KeyframeSurface<'_>]) -> Vec<f64> {
-    each(positions, views, |planes| scatter_of(planes))
-}
-
-/// A value of the planes around each position.
-fn each(
-    positions: &[Point3<f64>],
-    views: &[KeyframeSurface<'_>],
-    value: impl Fn(&mut Vec<MeasuredPlane>) -> f64 + Sync,
-) -> Vec<f64> {
-    positions
-        .par_iter()
-        .map_init(Vec::new, |planes, position| {
-            planes.clear();
-            let measured = views.iter();
-            planes.extend(measured.filter_map(|view| view.plane_near(position, GATE_SIGMAS)));
-            value(planes)
-        })
-        .collect()
 }
 
 /// The robust least-squares point of planes near `position`.

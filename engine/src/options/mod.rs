@@ -151,8 +151,6 @@ pub struct SurfaceOptions {
     pub least_measured_share: f64,
     /// Connected components with fewer triangles are dropped.
     pub minimum_component: usize,
-    /// What the final surface is made of.
-    pub method: SurfaceMethod,
     /// Which holes of the final surface are closed.
     pub holes: HoleFilling,
     /// Whether facets on the convex hull are kept.
@@ -167,23 +165,11 @@ impl Default for SurfaceOptions {
             longest_edge_share: Some(0.5),
             least_measured_share: 0.3,
             minimum_component: 8,
-            method: SurfaceMethod::default(),
             holes: HoleFilling::default(),
             keep_hull: false,
             manifold: true,
         }
     }
-}
-
-/// What the final surface is made of.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum SurfaceMethod {
-    /// The boundary of the carved free space: the surface after the last keyframe.
-    #[default]
-    Carved,
-    /// The pixels of all depth images, fused on a grid; without depth images the surface is carved.
-    Fused,
 }
 
 /// Which holes of the final surface are closed.
@@ -192,7 +178,7 @@ pub enum SurfaceMethod {
 pub enum HoleFilling {
     /// None.
     None,
-    /// Small holes where dense depth measured a surface.
+    /// Gaps of a single triangle amid others that depth confirms.
     #[default]
     Measured,
     /// All but the largest, whether anything was measured there or not.

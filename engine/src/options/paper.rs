@@ -6,7 +6,7 @@ use linecarve_points::PoseCorrectionOptions;
 
 use super::{
     CarvingOptions, HoleFilling, LabelKind, LandmarkOptions, LineMethod, Options,
-    SegmentPointOptions, SemiDenseStage, SurfaceMethod, SurfaceOptions, SurfacePointOptions,
+    SegmentPointOptions, SemiDenseStage, SurfaceOptions, SurfacePointOptions,
 };
 
 impl Options {
@@ -65,7 +65,6 @@ impl Options {
                 longest_edge_share: None,
                 least_measured_share: 0.0,
                 minimum_component: 0,
-                method: SurfaceMethod::Carved,
                 holes: HoleFilling::None,
                 keep_hull: false,
                 manifold: false,

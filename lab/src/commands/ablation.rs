@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use anyhow::ensure;
 use linecarve::Options;
 use linecarve::commands::Outcome;
-use linecarve::options::{LabelKind, SurfaceMethod};
+use linecarve::options::LabelKind;
 use linecarve::progress::{Progress, Verbosity};
 use linecarve_mesh::{Shape, read_geometry};
 use serde::Serialize;
@@ -23,12 +23,11 @@ const NOT_JOINED: Switch = |options| options.landmarks.join = false;
 const ENDS: Switch = |options| options.segment_points.spacing_px = Some(10_000.0);
 const NO_PLANES: Switch = |options| options.surface_points.enabled = false;
 const UNMEASURED: Switch = |options| options.surface.least_measured_share = 0.0;
-const FUSED: Switch = |options| options.surface.method = SurfaceMethod::Fused;
 /// Points of segments alone leave large cells, which need more weight on their shape than the default.
 const SHAPE: Switch = |options| options.carving.cut.quality_weight = 0.2;
 
 /// Name of a row, and its switches. The first row is the paper: two points a segment, not joined.
-const SWITCHES: [(&str, &[Switch]); 10] = [
+const SWITCHES: [(&str, &[Switch]); 9] = [
     (
         "ends of segments, not joined; votes",
         &[VOTES, NOT_JOINED, ENDS, NO_PLANES, UNMEASURED],
@@ -53,7 +52,6 @@ const SWITCHES: [(&str, &[Switch]); 10] = [
     ("points on planes; cut", &[CUT, UNMEASURED]),
     ("measured triangles; votes", &[VOTES]),
     ("measured triangles; cut: the default", &[CUT]),
-    ("fused from depth images", &[CUT, FUSED]),
 ];
 
 /// One row: a sequence with switches. Lengths are in units of the poses.

@@ -3,9 +3,7 @@
 //! [`InverseDepthMap`] is independent of the source: a depth sensor ([`DepthSensor`]), neighbouring keyframes ([`semi_dense`]) or another
 //! that fills it. Inverse depth is exactly linear over the image of a plane, and the noise of stereo and structured light is uniform in it.
 
-mod compact;
 mod edge_depth;
-mod image;
 mod map;
 mod near_side;
 mod range;
@@ -13,9 +11,7 @@ mod registration;
 pub mod semi_dense;
 mod sensor;
 
-pub use compact::CompactDepth;
 pub use edge_depth::{EdgeDepthOptions, EdgeDepths};
-pub use image::DepthImage;
 pub use map::{InverseDepth, InverseDepthMap};
 pub use range::{measurable_range, remove_unmeasurable};
 pub use sensor::{DepthSensor, SensorError, SensorNoise};

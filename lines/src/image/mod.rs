@@ -1,14 +1,12 @@
-//! Images as flat planes, packed or not, with smoothing and gradient.
+//! Images as flat planes, with smoothing and gradient.
 
 mod gradient;
-mod packed;
 mod plane;
 mod reduce;
 mod smooth;
 
 pub(crate) use gradient::GradientField;
 pub use gradient::sobel;
-pub use packed::PackedPlane;
 pub(crate) use plane::check_rgb8;
 pub use plane::{GrayImage, ImageError, Plane};
 pub use reduce::block_sums;

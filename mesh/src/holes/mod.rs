@@ -6,11 +6,8 @@
 //! # Reference
 //! G. Barequet and M. Sharir, *Filling gaps in the boundary of a polyhedron*, Computer Aided Geometric Design, 1995.
 
-mod bays;
 mod loops;
 mod triangulate;
-
-pub(crate) use bays::close_bays;
 
 use nalgebra::Point3;
 use rustc_hash::FxHashSet;

@@ -9,8 +9,6 @@
 //!    triangles, and from points of the new triangles to the original.
 //! 4. **Check** (`check`): the result is compared with the original at denser samples. Where it exceeds the
 //!    tolerance, the original vertices are fixed and simplification is repeated.
-//!
-//! [`thin`] is faster and measures nothing: the errors of the quadrics decide.
 
 mod boundaries;
 mod check;
@@ -22,9 +20,7 @@ mod options;
 mod quadric;
 mod reduce;
 mod samples;
-mod thin;
 
 pub use extent::default_boundary_tolerance;
 pub use options::{SimplifyOptions, SimplifyOptionsError};
 pub use reduce::{SimplifiedMesh, simplify};
-pub use thin::{ThinOptions, thin};

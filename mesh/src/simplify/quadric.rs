@@ -43,15 +43,6 @@ impl Quadric {
         }
     }
 
-    /// The sum with all weights multiplied.
-    pub(super) fn scaled(&self, factor: f64) -> Self {
-        Self {
-            square: self.square.map(|it| it * factor),
-            linear: self.linear * factor,
-            constant: self.constant * factor,
-        }
-    }
-
     /// The value at a point, at least 0 in spite of rounding.
     pub(super) fn at(&self, point: &Vector3<f64>) -> f64 {
         let square = (self.matrix() * point).dot(point);

@@ -185,7 +185,6 @@ impl SemiDenseFrontEnd {
             segments: extraction.segments,
             edge_points,
             surface: SurfaceSamples::default(),
-            depth: None,
             unmeasurable_depths: 0,
             colors: self.entry(task.keyframe).colors.clone(),
             edge_chains: extraction.chains,

@@ -74,7 +74,7 @@ impl Room {
         self.vertices
             .update(&self.carver, &self.points, landmarks, &mut Vec::new());
         let map = VertexViews::new(&self.carver, &self.points, &self.vertices);
-        self.validation.add_view(view, &pose, surface, None);
+        self.validation.add_view(view, &pose, surface);
         self.validation.update(map, &report.surface, &seen);
     }
 

@@ -5,7 +5,7 @@
 //! [`SmoothOptions::reach`] of what changed, and move onto segments again within [`SNAP_REACH`] of that.
 
 use linecarve_carving::{Face, IncrementalMesh, MeshChange, VertexId};
-use linecarve_mesh::{SNAP_REACH, SmoothOptions, smooth_part, snap_to_segments};
+use linecarve_mesh::{SNAP_REACH, SmoothOptions, smooth_piecewise_flat, snap_to_segments};
 use nalgebra::Point3;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
@@ -191,7 +191,7 @@ impl FittedPositions {
         let fitted = |number: &u32| self.fitted[*number as usize];
         let positions: Vec<Point3<f64>> = part.iter().map(|it| fitted(it).position).collect();
         let bounds: Vec<f64> = part.iter().map(|it| fitted(it).bound).collect();
-        let smooth = smooth_part(&positions, &triangles, &bounds, &self.options);
+        let smooth = smooth_piecewise_flat(&positions, &triangles, &bounds, &self.options);
         let moved = replaced(&mut self.smooth, affected, &smooth, &self.marks);
         self.unmark(part);
         moved
@@ -339,7 +339,7 @@ pub(in crate::map) fn fitted_positions(
         (fitted.position, bound)
     });
     let (fitted, bounds): (Vec<_>, Vec<_>) = fitted.unzip();
-    let smooth = smooth_part(&fitted, triangles, &bounds, &SmoothOptions::default());
+    let smooth = smooth_piecewise_flat(&fitted, triangles, &bounds, &SmoothOptions::default());
     let is_free = |vertex: usize| origins[vertex].is_some_and(|origin| copies[&origin] == 1);
     snap(&smooth, triangles, is_free, source)
 }
