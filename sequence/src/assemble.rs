@@ -6,10 +6,13 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
-use super::calibration::{Calibration, ImageSize, PoseCamera};
+use super::calibration::{
+    CalibratedCamera, Calibration, DepthGeometry, ImageSize, PoseCamera, resized,
+};
 use super::color_sizes::{
     FirstSize, assumed_camera, check_color_size, first_size, frames_of_size, orientation_warning,
 };
+use super::container::Containers;
 use super::depth_image::depth_header;
 use super::join;
 use super::layout::{RecordedFrame, Recording};
@@ -90,11 +93,12 @@ pub(super) fn assemble(
         check_color_size(&color, &color_size)?;
         warnings.extend(orientation_warning(&color, &color_size));
     }
+    let containers = Containers::default();
     let depth_header = frames
         .iter()
         .filter_map(|frame| frame.depth.as_deref())
         .find_map(|path| {
-            depth_header(path)
+            depth_header(&containers, path, calibration.raw_depth_size)
                 .ok()
                 .map(|header| (path.to_owned(), header))
         });
@@ -102,6 +106,12 @@ pub(super) fn assemble(
         .as_ref()
         .is_some_and(|(_, header)| header.is_float);
     let depth_size = depth_header.map(|(path, header)| (path, header.size));
+    let depth_has_color_view = add_depth_of_color_view(
+        &mut calibration,
+        &color.camera,
+        color_size.size,
+        depth_size.as_ref().map(|(_, size)| *size),
+    )?;
     let color_undistortion = (!frames.is_empty())
         .then(|| Undistortion::new(&color.camera, color_size.size))
         .flatten();
@@ -113,7 +123,17 @@ pub(super) fn assemble(
             depth.is_float = true;
             depth.scale = calibration.float_depth_scale;
         }
-        conventions.push(describe_depth(&depth, calibration.pose_convention.camera));
+        conventions.push(describe_depth(
+            &depth,
+            calibration.pose_convention.camera,
+            depth_has_color_view,
+        ));
+        if let Some(confidence) = &calibration.confidence {
+            conventions.push(format!(
+                "confidence: {}, classes of which the lowest (0) is left out of depth",
+                confidence.folder.display()
+            ));
+        }
         (Some(depth), map)
     } else {
         (None, None)
@@ -147,11 +167,15 @@ pub(super) fn assemble(
         color_size: color_size.size,
         depth,
         sigma_folder: calibration.sigma.map(|sigma| folder.join(sigma)),
+        confidence: calibration.confidence,
         stored_depth_size: calibration
             .depth
             .as_ref()
             .and_then(|geometry| geometry.camera.size)
             .or(depth_size.as_ref().map(|(_, size)| *size)),
+        depth_has_color_view,
+        raw_depth_size: calibration.raw_depth_size,
+        containers,
         color_undistortion,
         downsampling: None,
         depth_undistortion,
@@ -184,6 +208,32 @@ pub(super) fn assemble(
         join::decide(&mut sequence, other)?;
     }
     Ok(sequence)
+}
+
+/// Gives depth that shows what colour shows, at another size, its camera. Returns whether it did.
+fn add_depth_of_color_view(
+    calibration: &mut Calibration,
+    color: &Camera,
+    color_size: ImageSize,
+    depth_size: Option<ImageSize>,
+) -> Result<bool, SequenceError> {
+    let Some(depth_size) = depth_size.filter(|size| *size != color_size) else {
+        return Ok(false);
+    };
+    if !calibration.depth_has_color_view || calibration.depth.is_some() {
+        return Ok(false);
+    }
+    let source = "the colour camera, at the size of the depth images";
+    let camera =
+        resized(color, color_size, depth_size).map_err(|error| SequenceError::Content {
+            path: source.into(),
+            problem: error.to_string(),
+        })?;
+    calibration.depth = Some(DepthGeometry {
+        camera: CalibratedCamera::known(camera, Some(depth_size), source),
+        color_from_depth: Isometry3::identity(),
+    });
+    Ok(true)
 }
 
 /// The extrinsics of a calibration.
@@ -226,8 +276,13 @@ fn depth_calibration(
     (depth, map)
 }
 
-fn describe_depth(depth: &DepthCalibration, pose_camera: PoseCamera) -> String {
+fn describe_depth(
+    depth: &DepthCalibration,
+    pose_camera: PoseCamera,
+    has_color_view: bool,
+) -> String {
     let camera = match (depth.registered, pose_camera) {
+        _ if has_color_view => "of the view of colour at a size of its own",
         (true, _) => "registered to colour",
         (false, PoseCamera::Depth) => "with a separate camera, to which the recorded poses refer",
         (false, PoseCamera::Color | PoseCamera::Body) => "with a separate camera",

@@ -2,9 +2,7 @@
 
 use std::path::Path;
 
-use linecarve_mesh::files::read_regular;
-
-use super::SequenceError;
+use super::{SequenceError, container};
 
 /// A binary file in memory and a read position.
 pub(super) struct ByteReader<'a> {
@@ -126,7 +124,7 @@ impl<'a> ByteReader<'a> {
 
 /// Reads a whole file.
 pub(super) fn read_file(path: &Path) -> Result<Vec<u8>, SequenceError> {
-    read_regular(path).map_err(|source| SequenceError::Unreadable {
+    container::read(path).map_err(|source| SequenceError::Unreadable {
         path: path.to_owned(),
         source,
     })

@@ -1,12 +1,13 @@
 //! Calibration of a sequence: cameras, depth scale, extrinsics and the convention of the poses.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use linecarve_lines::camera::Camera;
+use linecarve_lines::camera::{Camera, CameraError};
 use nalgebra::{Isometry3, Point3};
 use serde::Deserialize;
 
 use super::Warning;
+use super::container::file_of;
 use super::pose_convention::PoseConvention;
 
 /// Width and height of an image in pixels.
@@ -88,11 +89,60 @@ impl CalibratedCamera {
     }
 }
 
+/// The camera of the same view with images of another size.
+///
+/// # Errors
+/// When the sizes give no camera.
+pub(super) fn resized(
+    camera: &Camera,
+    from: ImageSize,
+    to: ImageSize,
+) -> Result<Camera, CameraError> {
+    let x = f64::from(to.width) / f64::from(from.width);
+    let y = f64::from(to.height) / f64::from(from.height);
+    // The image corner at (-0.5, -0.5) is fixed.
+    Camera::with_distortion(
+        x * camera.fx(),
+        y * camera.fy(),
+        x * (camera.cx() + 0.5) - 0.5,
+        y * (camera.cy() + 0.5) - 0.5,
+        *camera.distortion(),
+    )
+}
+
 /// A depth camera that is not registered to colour.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct DepthGeometry {
     pub(super) camera: CalibratedCamera,
     pub(super) color_from_depth: Isometry3<f64>,
+}
+
+/// Images with the confidence of depth images, which have the same name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct ConfidenceImages {
+    /// Their folder.
+    pub(super) folder: PathBuf,
+    pub(super) extension: &'static str,
+}
+
+impl ConfidenceImages {
+    /// The images of a folder `confidence`, if it is there.
+    pub(super) fn beside(root: &Path) -> Option<Self> {
+        let folder = root.join("confidence");
+        folder.is_dir().then_some(Self {
+            folder,
+            extension: "png",
+        })
+    }
+
+    /// The image of a depth image, if there is one.
+    pub(super) fn of_depth(&self, depth: &Path) -> Option<PathBuf> {
+        let mut name = depth.file_stem()?.to_owned();
+        name.push(".");
+        name.push(self.extension);
+        let path = self.folder.join(name);
+        (path.is_file() || file_of(&path).is_file()).then_some(path)
+    }
 }
 
 /// The right camera of a stereo pair.
@@ -121,6 +171,10 @@ pub(super) struct Calibration {
     pub(super) color: Option<CalibratedCamera>,
     /// `None` if depth is registered to colour.
     pub(super) depth: Option<DepthGeometry>,
+    /// Whether depth images show what their colour images show, where they have a size of their own.
+    pub(super) depth_has_color_view: bool,
+    /// Size of depth images whose files do not say it.
+    pub(super) raw_depth_size: Option<ImageSize>,
     /// The right camera, if there is a calibrated one.
     pub(super) right: Option<RightCamera>,
     /// Raw depth units per pose unit.
@@ -129,6 +183,8 @@ pub(super) struct Calibration {
     pub(super) float_depth_scale: f64,
     /// Folder with the standard deviation of each depth.
     pub(super) sigma: Option<PathBuf>,
+    /// Images with the confidence of each depth.
+    pub(super) confidence: Option<ConfidenceImages>,
     /// `point_in_body = body_from_color * point_in_color`, if known.
     pub(super) body_from_color: Option<Isometry3<f64>>,
     /// Convention of the recorded poses.
@@ -141,10 +197,13 @@ impl Calibration {
         Self {
             color,
             depth: None,
+            depth_has_color_view: false,
+            raw_depth_size: None,
             right: None,
             depth_scale: 1000.0,
             float_depth_scale: 1.0,
             sigma: None,
+            confidence: None,
             body_from_color: None,
             pose_convention: PoseConvention::default(),
         }

@@ -1,4 +1,10 @@
-//! Decoding of depth images: 16-bit integers in any image format, floating-point values in TIFF and NPY files.
+//! Decoding of depth images: 16-bit integers in any image format; floating-point values in TIFF, NPY, OpenEXR and PFM files, depth maps of
+//! COLMAP, and arrays packed with LZFSE.
+
+mod colmap_map;
+mod exr_image;
+mod lzfse_array;
+mod pfm;
 
 use std::io::Cursor;
 use std::path::Path;
@@ -9,6 +15,7 @@ use tiff::decoder::{Decoder, DecodingResult};
 
 use super::FrameError;
 use super::calibration::ImageSize;
+use super::container::Containers;
 use super::image_file::{decode_bytes, describe_format, read, size_of, undecodable};
 use super::npy::{self, NpyHeader, NpyType};
 
@@ -26,6 +33,11 @@ pub(super) enum RawDepth {
 enum Container {
     Npy,
     Tiff,
+    Exr,
+    Pfm,
+    ColmapMap,
+    /// Has no size of its own.
+    Lzfse,
     Other,
 }
 
@@ -42,20 +54,36 @@ impl Container {
             Self::Npy
         } else if bytes.starts_with(b"II*\0") || bytes.starts_with(b"MM\0*") {
             Self::Tiff
+        } else if bytes.starts_with(exr_image::MAGIC) {
+            Self::Exr
+        } else if pfm::is_one(bytes) {
+            Self::Pfm
+        } else if lzfse_array::is_one(bytes) {
+            Self::Lzfse
+        } else if colmap_map::is_one(bytes) {
+            Self::ColmapMap
         } else {
             Self::Other
         }
     }
 }
 
-/// Reads the header of a depth image.
-pub(super) fn depth_header(path: &Path) -> Result<DepthHeader, FrameError> {
-    let bytes = read(path)?;
-    header_of(&bytes).map_err(|reason| undecodable(path, reason))
+/// Reads the header of a depth image; `raw_size` is the size of images that have none.
+pub(super) fn depth_header(
+    containers: &Containers,
+    path: &Path,
+    raw_size: Option<ImageSize>,
+) -> Result<DepthHeader, FrameError> {
+    let bytes = read(containers, path)?;
+    header_of(&bytes, raw_size).map_err(|reason| undecodable(path, reason))
 }
 
-fn header_of(bytes: &[u8]) -> Result<DepthHeader, String> {
+fn header_of(bytes: &[u8], raw_size: Option<ImageSize>) -> Result<DepthHeader, String> {
     let (size, is_float) = match Container::of(bytes) {
+        Container::Exr => (exr_image::size_of(bytes)?, true),
+        Container::Pfm => (pfm::Header::read(bytes)?.size, true),
+        Container::ColmapMap => (colmap_map::Header::read(bytes)?.size, true),
+        Container::Lzfse => (raw_size.ok_or(lzfse_array::NO_SIZE)?, true),
         Container::Npy => {
             let header = NpyHeader::read(bytes)?;
             (npy_size(&header)?, header.npy_type() != Some(NpyType::U16))
@@ -70,17 +98,37 @@ fn header_of(bytes: &[u8]) -> Result<DepthHeader, String> {
     Ok(DepthHeader { size, is_float })
 }
 
+/// Unpacks at most so many bytes of LZFSE; `None` for other files.
+pub(super) fn unpack_bytes(bytes: &[u8], most: usize) -> Option<Result<Vec<u8>, String>> {
+    lzfse_array::is_one(bytes).then(|| lzfse_array::unpack(bytes, most))
+}
+
+/// Number of values of a depth image packed with LZFSE, whose size is not known.
+pub(super) fn packed_values(path: &Path) -> Result<usize, FrameError> {
+    /// More than any sensor has.
+    const MOST: usize = 1 << 26;
+    let bytes = read(&Containers::default(), path)?;
+    let bytes = lzfse_array::unpack(&bytes, MOST).map_err(|reason| undecodable(path, reason))?;
+    Ok(bytes.len() / 4)
+}
+
 /// Decodes a depth image. The size is checked before memory is allocated, since corrupt headers can claim any size.
 pub(super) fn decode_depth(
+    containers: &Containers,
     path: &Path,
+    raw_size: Option<ImageSize>,
     check: impl FnOnce(ImageSize) -> Result<(), FrameError>,
 ) -> Result<(ImageSize, RawDepth), FrameError> {
-    let bytes = read(path)?;
-    let header = header_of(&bytes).map_err(|reason| undecodable(path, reason))?;
+    let bytes = read(containers, path)?;
+    let header = header_of(&bytes, raw_size).map_err(|reason| undecodable(path, reason))?;
     check(header.size)?;
     let raw = match Container::of(&bytes) {
         Container::Npy => npy_samples(&bytes),
         Container::Tiff => tiff_samples(&bytes),
+        Container::Exr => floats(exr_image::samples(&bytes)),
+        Container::Pfm => floats(pfm::samples(&bytes)),
+        Container::ColmapMap => floats(colmap_map::samples(&bytes)),
+        Container::Lzfse => floats(lzfse_array::samples(&bytes, header.size)),
         Container::Other => image_samples(&bytes),
     };
     let raw = raw.map_err(|problem| match problem {
@@ -113,6 +161,10 @@ impl Problem {
     fn damaged(error: impl std::fmt::Display) -> Self {
         Self::Damaged(error.to_string())
     }
+}
+
+fn floats(samples: Result<Vec<f32>, String>) -> Result<RawDepth, Problem> {
+    samples.map(RawDepth::Float).map_err(Problem::Damaged)
 }
 
 fn image_samples(bytes: &[u8]) -> Result<RawDepth, Problem> {
@@ -165,7 +217,7 @@ fn npy_samples(bytes: &[u8]) -> Result<RawDepth, Problem> {
             RawDepth::Float(header.values(bytes, widened))
         }
         Some(NpyType::U16) => RawDepth::Integer(header.values(bytes, u16::from_le_bytes)),
-        None => {
+        Some(NpyType::U8) | None => {
             let found = format!("values of type {}", header.descr);
             return Err(Problem::Format(found));
         }
@@ -236,7 +288,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("depth.any");
         std::fs::write(&path, bytes).unwrap();
-        decode_depth(&path, |_| Ok(()))
+        decode_depth(&Containers::default(), &path, None, |_| Ok(()))
     }
 
     #[test]
@@ -253,7 +305,7 @@ mod tests {
                 size: SIZE,
                 is_float: true,
             };
-            assert_eq!(header_of(&bytes), Ok(header));
+            assert_eq!(header_of(&bytes, None), Ok(header));
         }
         let integers: Vec<u16> = (0..15).map(|i| 4000 + i).collect();
         let data: Vec<u8> = integers
@@ -262,7 +314,7 @@ mod tests {
             .collect();
         let bytes = npy_of(">u2", "(3, 5)", false, &data);
         assert_eq!(decode(&bytes).unwrap(), (SIZE, RawDepth::Integer(integers)));
-        assert!(!header_of(&bytes).unwrap().is_float);
+        assert!(!header_of(&bytes, None).unwrap().is_float);
     }
 
     #[test]
@@ -327,7 +379,7 @@ mod tests {
                 true => Ok(()),
                 false => Err(undecodable(&path, "another size".to_owned())),
             };
-            if let Ok((size, _)) = decode_depth(&path, check) {
+            if let Ok((size, _)) = decode_depth(&Containers::default(), &path, None, check) {
                 prop_assert_eq!(size, SIZE);
             }
         }

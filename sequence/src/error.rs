@@ -167,7 +167,7 @@ pub enum FrameError {
     },
     /// The depth image does not have one channel of 16 bits or of floating-point values.
     #[error(
-        "{} has {found}; a depth image needs one channel of 16 bits, or of floating-point values in a TIFF or NPY file: \
+        "{} has {found}; a depth image needs one channel of 16 bits, or of floating-point values in a TIFF, NPY, OpenEXR or PFM file: \
          give the original depth images, not 8-bit previews",
         path.display()
     )]

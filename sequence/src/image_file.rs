@@ -11,6 +11,8 @@ use linecarve_mesh::files::open_regular;
 
 use super::FrameError;
 use super::calibration::ImageSize;
+use super::container::Containers;
+use super::npy::{self, NpyHeader, NpyType};
 
 /// Most headers of images end within so many bytes.
 const HEADER_BYTES: u64 = 1 << 16;
@@ -22,32 +24,39 @@ fn open(path: &Path) -> Result<File, FrameError> {
     })
 }
 
-/// The bytes of a regular file.
-pub(super) fn read(path: &Path) -> Result<Vec<u8>, FrameError> {
-    let mut bytes = Vec::new();
-    open(path)?
-        .read_to_end(&mut bytes)
+/// The bytes of a file, or of what lies in one.
+pub(super) fn read(containers: &Containers, path: &Path) -> Result<Vec<u8>, FrameError> {
+    containers
+        .read(path)
         .map_err(|source| FrameError::Unreadable {
             path: path.to_owned(),
             source,
-        })?;
-    Ok(bytes)
+        })
+}
+
+fn read_once(path: &Path) -> Result<Vec<u8>, FrameError> {
+    read(&Containers::default(), path)
 }
 
 /// Image size, from the header.
 pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
     let mut start = Vec::new();
-    open(path)?
-        .take(HEADER_BYTES)
-        .read_to_end(&mut start)
-        .map_err(|source| FrameError::Unreadable {
-            path: path.to_owned(),
-            source,
-        })?;
+    match path.is_file() {
+        true => {
+            open(path)?
+                .take(HEADER_BYTES)
+                .read_to_end(&mut start)
+                .map_err(|source| FrameError::Unreadable {
+                    path: path.to_owned(),
+                    source,
+                })?;
+        }
+        false => start = read_once(path)?,
+    }
     // Where the header is longer, or stands elsewhere, as in TIFF files, the whole file is read.
     let size = match size_of(&start) {
         Ok(size) => size,
-        Err(_) => size_of(&read(path)?).map_err(|reason| undecodable(path, reason))?,
+        Err(_) => size_of(&read_once(path)?).map_err(|reason| undecodable(path, reason))?,
     };
     if size.width == 0 || size.height == 0 {
         return Err(undecodable(path, "the image has no pixels".to_owned()));
@@ -58,7 +67,7 @@ pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
 /// How a tag says that the pixels of an image are to be shown, when that is not as they are stored; `None` also for images that cannot be
 /// read. Pixels are always read as they are stored.
 pub(super) fn orientation(path: &Path) -> Option<Orientation> {
-    let bytes = read(path).ok()?;
+    let bytes = read_once(path).ok()?;
     let format = image::guess_format(&bytes).ok()?;
     let reader = ImageReader::with_format(Cursor::new(&bytes), format);
     let found = reader.into_decoder().ok()?.orientation().ok()?;
@@ -77,10 +86,11 @@ pub(super) fn exchanges_sides(orientation: Orientation) -> bool {
 /// Decodes an image; its bytes decide the format, not its name. The size is checked before memory is allocated, since
 /// corrupt headers can claim any size.
 pub(super) fn decode(
+    containers: &Containers,
     path: &Path,
     check: impl FnOnce(ImageSize) -> Result<(), FrameError>,
 ) -> Result<DynamicImage, FrameError> {
-    let bytes = read(path)?;
+    let bytes = read(containers, path)?;
     let size = size_of(&bytes).map_err(|reason| undecodable(path, reason))?;
     check(size)?;
     decode_bytes(&bytes).map_err(|reason| undecodable(path, reason))
@@ -90,6 +100,9 @@ pub(super) fn decode(
 pub(super) fn size_of(bytes: &[u8]) -> Result<ImageSize, String> {
     if bytes.is_empty() {
         return Err("the file is empty".to_owned());
+    }
+    if bytes.starts_with(npy::MAGIC) {
+        return npy_color_size(&NpyHeader::read(bytes)?);
     }
     let format = image::guess_format(bytes).map_err(|error| error.to_string())?;
     let (width, height) = ImageReader::with_format(Cursor::new(bytes), format)
@@ -102,6 +115,9 @@ pub(super) fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {
     if bytes.is_empty() {
         return Err("the file is empty".to_owned());
     }
+    if bytes.starts_with(npy::MAGIC) {
+        return npy_color(bytes);
+    }
     let format = image::guess_format(bytes).map_err(|error| error.to_string())?;
     if format == ImageFormat::Jpeg && !is_complete_jpeg(bytes) {
         // The decoder fills the missing part with grey without an error.
@@ -113,6 +129,32 @@ pub(super) fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {
         return Err("the image has no pixels".to_owned());
     }
     Ok(image)
+}
+
+/// Size of an array of rows, columns and three 8-bit channels.
+fn npy_color_size(header: &NpyHeader) -> Result<ImageSize, String> {
+    let side = |length: u64| u32::try_from(length).ok().filter(|side| *side > 0);
+    match (&header.shape[..], header.npy_type()) {
+        (&[height, width, 3], Some(NpyType::U8)) => match (side(width), side(height)) {
+            (Some(width), Some(height)) => Ok(ImageSize { width, height }),
+            _ => Err(format!("a size of {width} x {height}")),
+        },
+        (shape, _) => Err(format!(
+            "an array of shape {shape:?} and type {}, not of rows, columns and three channels of type uint8",
+            header.descr
+        )),
+    }
+}
+
+fn npy_color(bytes: &[u8]) -> Result<DynamicImage, String> {
+    let header = NpyHeader::read(bytes)?;
+    let size = npy_color_size(&header)?;
+    if header.is_fortran {
+        return Err("columns one after the other: save numpy.ascontiguousarray(image)".to_owned());
+    }
+    let samples = header.values(bytes, |[value]| value);
+    let image = image::RgbImage::from_raw(size.width, size.height, samples);
+    Ok(image.ok_or("the array is truncated")?.into())
 }
 
 /// Whether an end-of-image marker follows the last start-of-scan marker. In scan data 0xFF is always followed by 0 or a

@@ -48,6 +48,12 @@ pub(super) trait Layout: Sync {
         true
     }
 
+    /// The video with the colour images, whose pictures must be unpacked before the folder is read.
+    fn video(&self, folder: &Folder) -> Option<PathBuf> {
+        let _ = folder;
+        None
+    }
+
     /// Reads calibration and, for [`PoseSource::Layout`], poses; lists the images.
     fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError>;
 }
@@ -93,7 +99,7 @@ impl Recording {
         self.has_time = false;
         if source == PoseSource::Layout {
             self.conventions.push(
-                "poses: 4x4 matrices, world from camera, in metres; rotations are orthonormalised"
+                "poses: 4x4 matrices, world from camera with axes x right, y down, z forward, in metres; rotations are orthonormalised"
                     .to_owned(),
             );
         }
@@ -127,6 +133,8 @@ pub(super) struct Folder {
     file: Option<String>,
     /// Folder of the COLMAP model that the user named, if any.
     model: Option<PathBuf>,
+    /// Folder with the unpacked pictures of the video of the recording, if the user named one.
+    video_images: Option<PathBuf>,
     /// Names of the entries that a reader asked for.
     claimed: RefCell<BTreeSet<String>>,
 }
@@ -164,6 +172,7 @@ impl Folder {
             names,
             file: None,
             model: None,
+            video_images: None,
             claimed: RefCell::default(),
         })
     }
@@ -191,6 +200,16 @@ impl Folder {
     /// Names the folder of the COLMAP model to read.
     pub(super) fn set_model(&mut self, path: PathBuf) {
         self.model = Some(path);
+    }
+
+    /// Folder with the unpacked pictures of the video of the recording, if the user named one.
+    pub(super) fn video_images(&self) -> Option<&Path> {
+        self.video_images.as_deref()
+    }
+
+    /// Names the folder with the unpacked pictures of the video.
+    pub(super) fn set_video_images(&mut self, path: PathBuf) {
+        self.video_images = Some(path);
     }
 
     /// Path of the folder.
@@ -259,9 +278,9 @@ fn not_a_folder(path: &Path) -> SequenceError {
     }
 }
 
-/// Supported image extensions, in order of preference; arrays are for depth.
-pub(super) const IMAGE_EXTENSIONS: [&str; 10] = [
-    "png", "jpg", "jpeg", "ppm", "pgm", "tif", "tiff", "bmp", "webp", "npy",
+/// Supported image extensions, in order of preference; arrays, OpenEXR and float maps are for depth.
+pub(super) const IMAGE_EXTENSIONS: [&str; 12] = [
+    "png", "jpg", "jpeg", "ppm", "pgm", "tif", "tiff", "bmp", "webp", "npy", "exr", "pfm",
 ];
 
 /// File name without its image extension; `None` if it is not an image.

@@ -5,6 +5,8 @@ mod associate;
 mod bytes;
 mod calibration;
 mod color_sizes;
+mod confidence;
+mod container;
 mod depth_image;
 mod downsampling;
 mod error;
@@ -42,7 +44,9 @@ use linecarve_lines::camera::{Camera, CameraCorrection, CameraError};
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use nalgebra::Isometry3;
 
+use calibration::ConfidenceImages;
 pub use calibration::ImageSize;
+use container::Containers;
 use downsampling::Downsampling;
 pub use error::{FrameError, SequenceError};
 pub use inspect::{
@@ -57,7 +61,7 @@ pub use keyframes::{
 pub use layouts::DenseCloud;
 pub use live::{LiveCamera, LiveFrame, LiveSequence};
 pub use load::{ColorImage, DepthImage};
-pub use open::OpenOptions;
+pub use open::{OpenOptions, video_to_unpack};
 use pose_convention::{Extrinsics, PoseConvention, QuaternionOrder};
 pub use sidecar::SIDECAR_FILE;
 pub use sparse_model::{ModelObservation, ModelPoint, ModelView, SparseModel};
@@ -151,7 +155,15 @@ pub struct Sequence {
     depth: Option<DepthCalibration>,
     /// Folder with the standard deviation of each depth.
     sigma_folder: Option<PathBuf>,
+    /// Images with the confidence of each depth.
+    confidence: Option<ConfidenceImages>,
     stored_depth_size: Option<ImageSize>,
+    /// Whether depth images, of a size of their own, show what their colour images show.
+    depth_has_color_view: bool,
+    /// Size of depth images whose files do not say it.
+    raw_depth_size: Option<ImageSize>,
+    /// Archives that hold images.
+    containers: Containers,
     color_undistortion: Option<Undistortion>,
     /// Downsampling, applied after undistortion.
     downsampling: Option<Downsampling>,

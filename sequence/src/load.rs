@@ -4,11 +4,12 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use image::DynamicImage;
-use linecarve_lines::camera::{Camera, UndistortionMap};
+use linecarve_lines::camera::{Camera, CameraError, UndistortionMap};
 use linecarve_lines::depth::remove_unmeasurable;
 use linecarve_lines::image::{GrayImage, Plane};
 
-use super::calibration::ImageSize;
+use super::calibration::{ImageSize, resized};
+use super::container::file_of;
 use super::depth_image::{RawDepth, decode_depth};
 use super::image_file::{decode, gray_of, size_error, undecodable};
 use super::layout::IMAGE_EXTENSIONS;
@@ -23,7 +24,8 @@ pub type ColorImage = image::RgbImage;
 
 /// Remedy for registered depth of another size than colour.
 const REGISTERED_SIZE: &str = "registered depth must have the size of the colour images; give a separate depth camera in \
-                               the [depth] section of linecarve.toml or of --calibration FILE";
+                               the [depth] section of linecarve.toml or of --calibration FILE, or there view = \"color\" where depth shows what \
+                               the images show";
 
 impl Sequence {
     /// Loads the grey image of a frame, undistorted. Colour is converted with the luma weights of ITU-R BT.601.
@@ -116,7 +118,7 @@ impl Sequence {
     }
 
     /// Loads the depth image of a frame, undistorted; `None` if it has none. Unknown are the integers 0 and 65535, the
-    /// floating-point values 0, negative and not finite, and values that the camera of the others cannot
+    /// floating-point values 0, negative and not finite, pixels of the lowest class of confidence, and values that the camera of the others cannot
     /// [have measured](linecarve_lines::depth::measurable_range). Its camera is
     /// [`DepthCalibration::camera`](super::DepthCalibration::camera).
     ///
@@ -145,6 +147,7 @@ impl Sequence {
             return Ok(None);
         };
         let mut depth = self.depth_values(path, calibration)?;
+        self.leave_out_lowest_confidence(path, &mut depth)?;
         let removed = remove_unmeasurable(depth.samples_mut());
         let depth = self.undistorted_depth(index, path, calibration, depth)?;
         Ok(Some((depth, removed)))
@@ -178,7 +181,7 @@ impl Sequence {
         Some((depth, folder.join(depth.file_stem().unwrap_or_default())))
     }
 
-    /// The files that a frame is loaded from: its colour image, and its depth image with the standard deviations, where there are any.
+    /// The files that a frame is loaded from: its colour image, and its depth image with standard deviations and confidence, where there are any.
     ///
     /// # Panics
     /// If the index is out of range.
@@ -186,8 +189,14 @@ impl Sequence {
         let frame = &self.frames[index];
         let sigma = self.sigma_stem(index);
         let sigma = sigma.and_then(|(_, stem)| sigma_path(&stem));
-        let files = [Some(frame.color.clone()), frame.depth.clone(), sigma];
-        files.into_iter().flatten().collect()
+        let images = self.confidence.as_ref().zip(frame.depth.as_ref());
+        let confidence = images.and_then(|(images, depth)| images.of_depth(depth));
+        let depth = [frame.depth.as_ref(), sigma.as_ref(), confidence.as_ref()];
+        let parts = [Some(&frame.color)].into_iter().chain(depth);
+        let mut files: Vec<PathBuf> = parts.flatten().map(|path| file_of(path)).collect();
+        // Of an archive the parts have one file.
+        files.dedup();
+        files
     }
 
     /// Reads depths, or standard deviations of them, in pose units.
@@ -196,7 +205,8 @@ impl Sequence {
         path: &Path,
         calibration: &DepthCalibration,
     ) -> Result<DepthImage, FrameError> {
-        let (size, raw) = decode_depth(path, |size| self.check_depth_size(path, size))?;
+        let check = |size| self.check_depth_size(path, size);
+        let (size, raw) = decode_depth(&self.containers, path, self.raw_depth_size, check)?;
         let unit = 1.0 / calibration.scale;
         let in_pose_units = |value: f64| (value * unit) as f32;
         let name = |is_float| match is_float {
@@ -239,6 +249,15 @@ impl Sequence {
     ) -> Result<DepthImage, FrameError> {
         let map = if calibration.registered {
             self.map_of_frame(index, path)?
+        } else if let Some(camera) = self.own_depth_camera(index, &depth) {
+            let size = ImageSize {
+                width: depth.width() as u32,
+                height: depth.height() as u32,
+            };
+            let camera = camera.map_err(|error| undecodable(path, error.to_string()))?;
+            let map = undistortion_map(&camera, &calibration.camera, size)
+                .map_err(|error| undecodable(path, error.to_string()))?;
+            Some(Cow::Owned(map))
         } else {
             borrowed_map(self.depth_undistortion.as_ref(), path)?
         };
@@ -246,6 +265,23 @@ impl Sequence {
             Some(map) => map.resample_depth(&depth),
             None => depth,
         })
+    }
+
+    /// The camera of the depth image of a frame, where depth has the view of colour and this frame has a camera of its own.
+    fn own_depth_camera(
+        &self,
+        index: usize,
+        depth: &DepthImage,
+    ) -> Option<Result<Camera, CameraError>> {
+        let own = self.stored_camera(index);
+        if !self.depth_has_color_view || *own == self.stored_color_camera {
+            return None;
+        }
+        let size = ImageSize {
+            width: depth.width() as u32,
+            height: depth.height() as u32,
+        };
+        Some(resized(own, self.stored_size(index), size))
     }
 
     pub(super) fn decode_color(&self, index: usize) -> Result<DynamicImage, FrameError> {
@@ -262,7 +298,7 @@ impl Sequence {
                 "all images of a sequence must have one size and one camera",
             ))
         };
-        decode(path, check)
+        decode(&self.containers, path, check)
     }
 
     /// Checks the size of a depth image against its camera.

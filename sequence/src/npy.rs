@@ -1,10 +1,15 @@
-//! Arrays in files of numpy: the header, and values of four types.
+//! Arrays in files of numpy: the header, and values of a few types.
 //!
 //! # Reference
 //! numpy.lib.format, versions 1 to 3.
 
+use std::io::{self, Read};
+
 /// Begins every file.
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// Longest header: those of arrays without fields take less than 200 bytes.
+const MAX_HEADER: u64 = 1 << 16;
 
 /// What the header of an array says.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -21,6 +26,7 @@ pub(super) struct NpyHeader {
 /// A type of values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NpyType {
+    U8,
     U16,
     F16,
     F32,
@@ -66,12 +72,71 @@ impl NpyHeader {
     /// The type of the values; `None` when it is another than those that depth may have.
     pub(super) fn npy_type(&self) -> Option<NpyType> {
         match self.descr.trim_matches(['\'', '"']).get(1..)? {
+            "u1" => Some(NpyType::U8),
             "u2" => Some(NpyType::U16),
             "f2" => Some(NpyType::F16),
             "f4" => Some(NpyType::F32),
             "f8" => Some(NpyType::F64),
             _ => None,
         }
+    }
+
+    /// Reads the header at the beginning of a stream, and no more.
+    ///
+    /// # Errors
+    /// When it is no array, or its values cannot be read one item after the other.
+    pub(super) fn read_from(reader: &mut impl Read) -> io::Result<Self> {
+        let mut bytes = vec![0; MAGIC.len() + 6];
+        reader.read_exact(&mut bytes[..MAGIC.len() + 4])?;
+        let (length, at) = match bytes[MAGIC.len()] {
+            1 => (u64::from(bytes[8]) | u64::from(bytes[9]) << 8, 10),
+            _ => {
+                reader.read_exact(&mut bytes[10..])?;
+                let length = u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]);
+                (u64::from(length), 12)
+            }
+        };
+        bytes.truncate(at);
+        if !bytes.starts_with(MAGIC) || length > MAX_HEADER {
+            return Err(io::Error::other("no array of numpy"));
+        }
+        reader.take(length).read_to_end(&mut bytes)?;
+        let header = Self::read(&bytes).map_err(io::Error::other)?;
+        header.check_order().map_err(io::Error::other)?;
+        Ok(header)
+    }
+
+    /// Refuses objects, and columns one after the other.
+    fn check_order(&self) -> Result<(), String> {
+        if self.descr.contains('O') {
+            return Err("the array holds Python objects, which are not read: save each array with numpy.savez and a type of numbers"
+                .to_owned());
+        }
+        if self.is_fortran && self.shape.len() > 1 {
+            return Err(
+                "the array has columns one after the other: save numpy.ascontiguousarray(array)"
+                    .to_owned(),
+            );
+        }
+        Ok(())
+    }
+
+    /// Bytes of a value.
+    fn value_bytes(&self) -> Option<u64> {
+        self.descr.trim_matches(['\'', '"']).get(2..)?.parse().ok()
+    }
+
+    /// Bytes of an item along the first axis.
+    pub(super) fn item_bytes(&self) -> Option<u64> {
+        let inner = self.shape.get(1..).unwrap_or_default();
+        let count = inner.iter().try_fold(1u64, |all, &n| all.checked_mul(n))?;
+        count.checked_mul(self.value_bytes()?)
+    }
+
+    /// What an item along the first axis has before its values, as a file of its own.
+    pub(super) fn item_header(&self) -> Result<Vec<u8>, String> {
+        let inner = self.shape.get(1..).ok_or("the array has no axes")?;
+        Ok(header_bytes(&self.descr, inner))
     }
 
     /// The values of `N` bytes each that the file has, at most as many as the shape says; `convert` gets little-endian bytes.
@@ -98,6 +163,52 @@ impl NpyHeader {
         });
         ordered.collect()
     }
+}
+
+/// The bytes before the values of a file of rows; `descr` has its quotes.
+pub(super) fn header_bytes(descr: &str, shape: &[u64]) -> Vec<u8> {
+    let sides: Vec<String> = shape.iter().map(|side| format!("{side},")).collect();
+    let mut text = format!(
+        "{{'descr': {descr}, 'fortran_order': False, 'shape': ({}), }}",
+        sides.join(" ")
+    );
+    // Values begin at a multiple of 64 bytes.
+    let filled = (MAGIC.len() + 4 + text.len() + 1).next_multiple_of(64);
+    text += &" ".repeat(filled - MAGIC.len() - 4 - text.len() - 1);
+    text.push('\n');
+    let length = u16::try_from(text.len()).unwrap_or(u16::MAX);
+    [MAGIC, &[1, 0], &length.to_le_bytes(), text.as_bytes()].concat()
+}
+
+/// Shape and values of a small array of floating-point numbers.
+///
+/// # Errors
+/// Says what else the file holds.
+pub(super) fn numbers(bytes: &[u8]) -> Result<(Vec<u64>, Vec<f64>), String> {
+    let header = NpyHeader::read(bytes)?;
+    header.check_order()?;
+    let values: Vec<f64> = match header.npy_type() {
+        Some(NpyType::F32) => header.values(bytes, |value| f64::from(f32::from_le_bytes(value))),
+        Some(NpyType::F64) => header.values(bytes, f64::from_le_bytes),
+        _ => {
+            return Err(format!(
+                "the array has values of type {} in place of floating-point numbers",
+                header.descr
+            ));
+        }
+    };
+    let count = header
+        .shape
+        .iter()
+        .try_fold(1u64, |all, &n| all.checked_mul(n));
+    if count != Some(values.len() as u64) {
+        return Err(format!(
+            "the array of shape {:?} has {} values (truncated?): copy it again",
+            header.shape,
+            values.len()
+        ));
+    }
+    Ok((header.shape, values))
 }
 
 /// What follows a key of the dictionary.
@@ -167,7 +278,7 @@ mod tests {
         let python_2 = "{\"shape\":(4L,),\"fortran_order\":True,\"descr\":\"|u1\"}";
         let read = NpyHeader::read(&file(1, python_2, &[])).unwrap();
         assert_eq!((&read.shape[..], read.is_fortran), (&[4][..], true));
-        assert_eq!(read.npy_type(), None);
+        assert_eq!(read.npy_type(), Some(NpyType::U8));
         let fields = "{'descr': [('shape', '<f4')], 'fortran_order': False, 'shape': (), }";
         let read = NpyHeader::read(&file(1, fields, &[]));
         assert!(read.is_err() || read.unwrap().npy_type().is_none());

@@ -27,6 +27,8 @@ pub struct OpenOptions {
     /// Folder of a COLMAP model relative to the input, or its number below `sparse/` or `colmap/`; `None` reads the model with the
     /// most images.
     pub model: Option<String>,
+    /// Folder with the pictures of the [video](video_to_unpack) of a recording, as images with its numbers in their names.
+    pub video_images: Option<PathBuf>,
     /// Focal length of images whose calibration no file gives, as a share of their longer side; the principal point is the centre.
     /// `None` refuses such images.
     pub assumed_focal: Option<f64>,
@@ -71,6 +73,9 @@ impl Sequence {
         source: PoseSource,
     ) -> Result<Self, SequenceError> {
         let mut folder = input_folder(input)?;
+        if let Some(path) = &options.video_images {
+            folder.set_video_images(path.clone());
+        }
         let sidecar = match &options.calibration {
             Some(path) => Some((path.clone(), Sidecar::read(path)?)),
             None => match folder.entry(SIDECAR_FILE) {
@@ -141,6 +146,18 @@ impl Sequence {
         sequence.warnings.extend(unread::warning(&sequence.unread));
         Ok(sequence)
     }
+}
+
+/// The video in a folder, whose pictures a recording needs as its colour images: a decoder unpacks them to files `NNNNNN`, numbered from
+/// 0, and [`OpenOptions::video_images`] names their folder.
+pub fn video_to_unpack(input: &Path, options: &OpenOptions) -> Option<PathBuf> {
+    if options.video_images.is_some() {
+        return None;
+    }
+    let folder = input_folder(input).ok()?;
+    let layout = options.layout.as_deref();
+    let (layout, _) = recognise(&folder, layout, PoseSource::Layout).ok()?;
+    layout.video(&folder)
 }
 
 /// Chooses a COLMAP model of a folder.

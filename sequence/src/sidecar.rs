@@ -10,7 +10,7 @@ use nalgebra::Isometry3;
 use serde::Deserialize;
 
 use self::camera::CameraKeys;
-use self::depth::DepthSection;
+use self::depth::{DepthSection, DepthView};
 use self::right::RightSection;
 use super::calibration::{CalibratedCamera, Calibration, DepthGeometry, PoseCamera, RightCamera};
 use super::pose_convention::{CameraAxes, PoseDirection, QuaternionOrder};
@@ -25,6 +25,8 @@ pub(super) struct Sidecar {
     pub(super) color: Option<CalibratedCamera>,
     pub(super) depth: Option<DepthGeometry>,
     pub(super) depth_scale: Option<f64>,
+    /// Whether depth shows what colour shows, at a size of its own.
+    depth_has_color_view: bool,
     /// Folder with the standard deviation of each depth.
     pub(super) sigma: Option<PathBuf>,
     right: Option<RightCamera>,
@@ -63,9 +65,14 @@ impl Sidecar {
             }
             None => None,
         };
-        let (depth, depth_scale, sigma) = match file.depth {
-            Some(section) => (section.geometry(source)?, section.scale, section.sigma),
-            None => (None, None, None),
+        let (depth, depth_scale, sigma, depth_view) = match file.depth {
+            Some(section) => (
+                section.geometry(source)?,
+                section.scale,
+                section.sigma,
+                section.view,
+            ),
+            None => (None, None, None, None),
         };
         if sigma.is_some() && depth.is_some() {
             return Err(
@@ -81,6 +88,7 @@ impl Sidecar {
             color,
             depth,
             depth_scale,
+            depth_has_color_view: depth_view == Some(DepthView::Color),
             sigma,
             right,
             body_from_color: file
@@ -102,12 +110,16 @@ impl Sidecar {
         if let Some(depth) = self.depth {
             calibration.depth = Some(depth);
         }
+        if self.depth_has_color_view {
+            calibration.depth = None;
+            calibration.depth_has_color_view = true;
+        }
         if let Some(scale) = self.depth_scale {
             calibration.depth_scale = scale;
             calibration.float_depth_scale = scale;
         }
         if let Some(sigma) = self.sigma {
-            if calibration.depth.is_some() {
+            if calibration.depth.is_some() || calibration.depth_has_color_view {
                 return Err(
                     "[depth] sigma needs depth that is registered to colour; that of this layout is not"
                         .to_owned(),

@@ -179,7 +179,7 @@ impl Sequence {
             return Ok((left, None));
         };
         let expected = pair.right_size;
-        let image = decode(path, |size| {
+        let image = decode(&self.containers, path, |size| {
             if size == expected {
                 return Ok(());
             }

@@ -2,9 +2,7 @@
 
 use std::path::Path;
 
-use linecarve_mesh::files::read_regular;
-
-use super::SequenceError;
+use super::{SequenceError, container};
 
 /// A text file in memory.
 pub(super) struct TextFile<'a> {
@@ -15,7 +13,7 @@ pub(super) struct TextFile<'a> {
 impl<'a> TextFile<'a> {
     /// Reads a file as UTF-8, or as UTF-16 if it has that byte order mark.
     pub(super) fn read(path: &'a Path) -> Result<Self, SequenceError> {
-        let bytes = read_regular(path).map_err(|source| SequenceError::Unreadable {
+        let bytes = container::read(path).map_err(|source| SequenceError::Unreadable {
             path: path.to_owned(),
             source,
         })?;

@@ -57,7 +57,7 @@ impl UnreadFile {
             ),
             FileRole::Depth => format!(
                 "the sequence has no depth that can be read, but {path} looks like depth: depth/ must hold an image of one channel of \
-                 16 bits, or of floating-point values in TIFF or NPY, with the name or number of each colour image (beside rgb.txt: listed in \
+                 16 bits, or of floating-point values in TIFF, NPY, OpenEXR or PFM, with the name or number of each colour image (beside rgb.txt: listed in \
                  depth.txt)"
             ),
             FileRole::Calibration => format!(

@@ -55,6 +55,7 @@ pub(super) fn open_options(args: &SequenceArgs) -> OpenOptions {
         poses: args.poses.clone(),
         layout: args.layout.clone(),
         model: args.model.clone(),
+        video_images: None,
         assumed_focal: None,
     }
 }

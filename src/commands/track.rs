@@ -21,6 +21,7 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         poses: None,
         layout: args.layout.clone(),
         model: None,
+        video_images: None,
         assumed_focal: None,
     };
     let mut warnings = Vec::new();

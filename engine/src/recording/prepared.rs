@@ -20,6 +20,9 @@ pub(crate) struct PreparedRecording {
     model: Option<String>,
     poses: Option<PathBuf>,
     calibration: Option<PathBuf>,
+    /// The pictures of the video of a recording.
+    #[serde(default)]
+    video_images: Option<PathBuf>,
     configuration: Configuration,
     source: Source,
     /// Positions of the keyframes in the sequence.
@@ -90,6 +93,7 @@ impl PreparedRecording {
             model: input.open.model.clone(),
             poses: absolute(&input.open.poses),
             calibration: absolute(&input.open.calibration),
+            video_images: absolute(&input.open.video_images),
             configuration,
             source: recording.source,
             keyframes: recording.keyframes.clone(),
@@ -125,6 +129,7 @@ impl PreparedRecording {
             poses: self.poses.clone(),
             layout: self.layout.clone(),
             model: self.model.clone(),
+            video_images: self.video_images.clone(),
             assumed_focal: None,
         };
         let mut sequence = Sequence::open(&self.path, &open)?;

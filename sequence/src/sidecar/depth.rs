@@ -17,7 +17,16 @@ pub(super) struct DepthSection {
     camera: CameraKeys,
     pub(super) scale: Option<f64>,
     pub(super) sigma: Option<PathBuf>,
+    pub(super) view: Option<DepthView>,
     color_from_depth: Option<[[f64; 4]; 4]>,
+}
+
+/// What depth images show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum DepthView {
+    /// What the colour images show, at a size of their own.
+    Color,
 }
 
 impl DepthSection {
@@ -31,6 +40,12 @@ impl DepthSection {
             ));
         }
         let camera = self.camera.camera("depth", source)?;
+        if self.view.is_some() && camera.is_some() {
+            return Err(
+                "[depth] view = \"color\" gives depth the camera of colour: remove it, or fx, fy, cx and cy"
+                    .to_owned(),
+            );
+        }
         let color_from_depth = match (&self.color_from_depth, &camera) {
             (Some(_), None) => {
                 return Err(
