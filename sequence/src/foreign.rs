@@ -55,7 +55,7 @@ const BAG: &str = "extract its images, depth images and poses to files (images/,
 
 /// All kinds; the first that fits is taken.
 #[rustfmt::skip]
-pub(super) static KINDS: [ForeignKind; 26] = [
+pub(super) static KINDS: [ForeignKind; 24] = [
     ForeignKind { what: "a WebM video", remedy: TO_MP4, is_one: |f| f.starts(&[0x1A, 0x45, 0xDF, 0xA3]) && f.holds("webm") },
     ForeignKind { what: "a Matroska video", remedy: TO_MP4, is_one: |f| f.starts(&[0x1A, 0x45, 0xDF, 0xA3]) },
     ForeignKind { what: "an AVI video", remedy: TO_MP4, is_one: |f| f.starts(b"RIFF") && f.at(8, b"AVI ") },
@@ -81,10 +81,6 @@ pub(super) static KINDS: [ForeignKind; 26] = [
     ForeignKind { what: "a model of Bundler", remedy: TO_COLMAP, is_one: |f| f.starts(b"# Bundle file") },
     ForeignKind { what: "a camera file of Metashape", remedy: "choose Export Cameras with the type COLMAP in Metashape, and give that folder",
         is_one: |f| f.ends(&[".xml"]) && f.holds("<document") && f.holds("<chunk") },
-    ForeignKind { what: "a recording of Record3D", remedy: "export it from the app as EXR + RGB, convert depth to floating-point TIFF, and give the folder \
-        with --poses FILE", is_one: |f| f.ends(&[".r3d"]) },
-    ForeignKind { what: "an archive of NumPy arrays", remedy: "write each depth image as an NPY file of two dimensions into depth/, and the poses as a \
-        trajectory", is_one: |f| f.starts(b"PK\x03\x04") && f.ends(&[".npz"]) },
     ForeignKind { what: "a ZIP archive", remedy: "unpack it, and give the folder", is_one: |f| f.starts(b"PK\x03\x04") },
     ForeignKind { what: "a gzip archive", remedy: "unpack it, and give the folder", is_one: |f| f.starts(&[0x1F, 0x8B]) },
     ForeignKind { what: "a single image", remedy: "give the folder with all images of the sequence", is_one: |f| {
@@ -176,8 +172,6 @@ mod tests {
                 "cameras.xml",
                 b"<?xml version=\"1.0\"?><document><chunk/></document>".to_vec(),
             ),
-            ("a.r3d", b"PK\x03\x04".to_vec()),
-            ("results.npz", b"PK\x03\x04".to_vec()),
             ("a.zip", b"PK\x03\x04".to_vec()),
             ("a.tar.gz", vec![0x1F, 0x8B, 8]),
             ("a.png", b"\x89PNG\r\n".to_vec()),

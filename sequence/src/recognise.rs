@@ -4,6 +4,10 @@ use std::path::Path;
 
 use super::layout::{Folder, Layout, PoseSource};
 use super::layouts::orb_slam::{ImagesAndPoses, OrbSlam};
+use super::layouts::{
+    arkit_scenes::ArkitScenes, depth_anything::DepthAnything, mvsnet::MvsNet, polycam::Polycam,
+    record3d::Record3d,
+};
 use super::layouts::{colmap::Colmap, euroc::Euroc, kitti::Kitti, nvm::Nvm, openmvs::OpenMvs};
 use super::layouts::{open3d_log::Open3dLog, seven_scenes::SevenScenes, tum::TumRgbd};
 use super::layouts::{
@@ -13,7 +17,7 @@ use super::layouts::{
 use super::{SequenceError, foreign};
 
 /// The known layouts in order of preference. Add new layouts here.
-static LAYOUTS: [&dyn Layout; 15] = [
+static LAYOUTS: [&dyn Layout; 20] = [
     &SevenScenes,
     &TumRgbd,
     &Open3dLog,
@@ -26,6 +30,11 @@ static LAYOUTS: [&dyn Layout; 15] = [
     &Euroc,
     &Kitti,
     &StrayScanner,
+    &Record3d,
+    &Polycam,
+    &ArkitScenes,
+    &DepthAnything,
+    &MvsNet,
     &Replica,
     &PoseFolder,
     &ImagesAndPoses,

@@ -186,6 +186,15 @@ fn images_in(path: &Path) -> Result<Vec<NamedImage>, SequenceError> {
     Ok(images)
 }
 
+/// The images of a folder in the order of their names: name without extension, and path.
+pub(super) fn files_in(path: &Path) -> Result<Vec<(String, PathBuf)>, SequenceError> {
+    let images = images_in(path)?;
+    Ok(images
+        .into_iter()
+        .map(|image| (image.stem, image.path))
+        .collect())
+}
+
 /// The number of an image: at the end of its name, or before the time in `NNNNNNN-TIME`, as in Redwood's scans.
 pub(super) fn number_of(stem: &str) -> Option<u64> {
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());

@@ -1,18 +1,18 @@
 //! Stray Scanner: `rgb.mp4`, `depth/NNNNNN.png`, `odometry.csv` with a pose for each frame, `camera_matrix.csv`.
 //!
-//! The colour images are a video, which must be unpacked to `rgb/` first.
+//! The colour images are a video. Its pictures are read from `rgb/`, or from the folder to which the program unpacked them.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
-use super::super::calibration::{CalibratedCamera, Calibration, DepthGeometry, ImageSize};
+use super::super::calibration::{Calibration, ConfidenceImages};
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording};
-use super::super::text::TextFile;
+use super::super::text::{TextFile, parse_stamp_ns};
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, rigid};
+use super::frame_cameras::{FrameCameras, pinhole};
 use super::{images, intrinsics_file};
 
 /// Reader of Stray Scanner.
@@ -29,37 +29,61 @@ impl Layout for StrayScanner {
     }
 
     fn expected_files(&self) -> &'static str {
-        "odometry.csv with camera_matrix.csv, and rgb.mp4 unpacked to rgb/"
+        "odometry.csv with camera_matrix.csv, and rgb.mp4 or rgb/"
     }
 
     fn recognises(&self, folder: &Folder) -> bool {
         folder.entry(ODOMETRY).is_some() && folder.entry(CAMERA).is_some()
     }
 
+    fn video(&self, folder: &Folder) -> Option<PathBuf> {
+        match unpacked(folder) {
+            Some(_) => None,
+            None => folder.entry(VIDEO),
+        }
+    }
+
     fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
-        let Some(path) = folder.entry(IMAGES).filter(|path| path.is_dir()) else {
-            return Err(video_first(folder));
-        };
+        let pictures = unpacked(folder).or_else(|| folder.video_images().map(Path::to_owned));
+        let path = pictures.ok_or_else(|| video_first(folder))?;
+        for name in [VIDEO, ODOMETRY, CAMERA, "confidence", "imu.csv"] {
+            folder.claim(name);
+        }
         let mut warnings = Vec::new();
-        let mut frames = images::from_files(folder, &path, &mut warnings)?.frames;
-        if frames.is_empty() {
+        let listing = images::from_files(folder, &path, &mut warnings)?;
+        if listing.frames.is_empty() {
             return Err(video_first(folder));
         }
-        if source == PoseSource::Layout {
-            let odometry = folder.path().join(ODOMETRY);
-            frames = posed(&odometry, frames, &mut warnings)?;
-        }
+        let odometry = folder.path().join(ODOMETRY);
+        let rows = read_odometry(&odometry)?;
         let color = intrinsics_file::read(&folder.path().join(CAMERA), None)?;
-        let mut calibration = Calibration::of_color(Some(color));
-        add_depth_camera(&mut calibration, &frames)?;
+        let mut cameras = FrameCameras::default();
+        let frames = joined(
+            &odometry,
+            &rows,
+            listing.frames,
+            source,
+            &mut cameras,
+            &mut warnings,
+        )?;
+        let mut calibration = Calibration::of_color(Some(cameras.main().unwrap_or(color)));
+        calibration.depth_has_color_view = true;
+        calibration.confidence = ConfidenceImages::beside(folder.path());
         let mut recording = Recording::new(frames, calibration);
+        cameras.give_to(&mut recording);
         recording.warnings = warnings;
-        recording.has_time = false;
-        recording.conventions.push(format!(
-            "poses: {ODOMETRY}, world from camera with axes x right, y down, z forward"
-        ));
+        if source == PoseSource::Layout {
+            recording.conventions.push(format!(
+                "poses: {ODOMETRY}, world from camera with axes x right, y down, z forward"
+            ));
+        }
         Ok(recording)
     }
+}
+
+/// The folder with the pictures of the video, if it lies beside it.
+fn unpacked(folder: &Folder) -> Option<PathBuf> {
+    folder.entry(IMAGES).filter(|path| path.is_dir())
 }
 
 fn video_first(folder: &Folder) -> SequenceError {
@@ -68,51 +92,96 @@ fn video_first(folder: &Folder) -> SequenceError {
         path: folder.path().join(VIDEO),
         problem: format!(
             "has the colour images of this recording of Stray Scanner: unpack it beside its depth first (mkdir {folder_path}/{IMAGES}; \
-             ffmpeg -i {folder_path}/{VIDEO} -start_number 0 {folder_path}/{IMAGES}/%06d.png), or give the video alone"
+             ffmpeg -i {folder_path}/{VIDEO} -start_number 0 {folder_path}/{IMAGES}/%06d.png); reconstruct, track and info do so by themselves"
         ),
     }
 }
 
-/// Gives each image the pose of its number.
-fn posed(
-    path: &Path,
-    frames: Vec<RecordedFrame>,
-    warnings: &mut Vec<Warning>,
-) -> Result<Vec<RecordedFrame>, SequenceError> {
+/// A row of the odometry.
+struct Row {
+    timestamp_ns: i64,
+    /// `None` if it is not finite, or no rigid transform.
+    pose: Option<Isometry3<f64>>,
+    /// `fx fy cx cy` of the frame, in newer recordings.
+    intrinsics: Option<[f64; 4]>,
+    line: usize,
+}
+
+/// Reads the rows by the number of the frame.
+fn read_odometry(path: &Path) -> Result<BTreeMap<u64, Row>, SequenceError> {
+    const COLUMNS: &str = "timestamp, frame, x, y, z, qx, qy, qz, qw";
     let file = TextFile::read(path)?;
-    let mut poses: BTreeMap<u64, Option<Isometry3<f64>>> = BTreeMap::new();
+    let mut rows = BTreeMap::new();
     for (at, row) in file.rows().enumerate() {
-        let number = row.fields().nth(1).and_then(|field| field.parse().ok());
+        let fields: Vec<&str> = row.fields().collect();
+        let number = fields.get(1).and_then(|field| field.parse().ok());
         let Some(number) = number else {
+            // The names of the columns.
             if at == 0 {
                 continue;
             }
-            return Err(
-                row.error("expected 'timestamp, frame, x, y, z, qx, qy, qz, qw'".to_owned())
-            );
+            return Err(row.error(format!(
+                "expected '{COLUMNS}' (truncated?): copy the file again, or remove the row"
+            )));
         };
         let [x, y, z, qx, qy, qz, qw] = row.numbers_from(2)?;
-        let pose = rigid::from_translation_quaternion([x, y, z], [qx, qy, qz, qw]);
-        poses.entry(number).or_insert(pose.ok());
+        let timestamp_ns = parse_stamp_ns(fields[0])
+            .ok_or_else(|| row.error(format!("'{}' is not a time in seconds", fields[0])))?;
+        let intrinsics = match fields.len() {
+            13.. => Some(row.numbers_from(9)?),
+            _ => None,
+        };
+        let pose = rigid::from_translation_quaternion([x, y, z], [qx, qy, qz, qw]).ok();
+        rows.entry(number).or_insert(Row {
+            timestamp_ns,
+            pose,
+            intrinsics,
+            line: row.number(),
+        });
     }
+    Ok(rows)
+}
+
+/// Gives each image the row of its number. Without one it has no time, and is skipped.
+fn joined(
+    path: &Path,
+    rows: &BTreeMap<u64, Row>,
+    frames: Vec<RecordedFrame>,
+    source: PoseSource,
+    cameras: &mut FrameCameras,
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<RecordedFrame>, SequenceError> {
     let total = frames.len();
-    let mut missing = WarningCounter::default();
+    let (mut missing, mut invalid) = (WarningCounter::default(), WarningCounter::default());
     let mut kept = Vec::new();
     for mut frame in frames {
-        let number = images::number_of(&frame.name);
-        match number.and_then(|number| poses.get(&number).copied().flatten()) {
-            Some(pose) => {
-                frame.pose = Some(pose);
-                kept.push(frame);
-            }
-            None => missing.add(frame.name),
+        let row = images::number_of(&frame.name).and_then(|number| rows.get(&number));
+        let Some(row) = row else {
+            missing.add(frame.name);
+            continue;
+        };
+        if source == PoseSource::Layout && row.pose.is_none() {
+            invalid.add(frame.name);
+            continue;
         }
+        frame.timestamp_ns = row.timestamp_ns;
+        frame.pose = row.pose.filter(|_| source == PoseSource::Layout);
+        if let Some(intrinsics) = row.intrinsics {
+            let camera =
+                pinhole(intrinsics, None, ODOMETRY).map_err(|problem| SequenceError::Line {
+                    path: path.to_owned(),
+                    line: row.line,
+                    problem,
+                })?;
+            frame.camera = Some(cameras.add(camera));
+        }
+        kept.push(frame);
     }
     if kept.is_empty() {
         return Err(SequenceError::Content {
             path: path.to_owned(),
             problem: format!(
-                "has no pose for any of the {total} images: images are numbered as its frames, from 0"
+                "has no valid pose for any of the {total} images: images are numbered as its frames, from 0"
             ),
         });
     }
@@ -120,46 +189,9 @@ fn posed(
         total,
         "images have no pose in odometry.csv and were skipped",
     ));
+    warnings.extend(invalid.into_warning(
+        total,
+        "poses in odometry.csv are not finite or not rigid transforms, and their images were skipped",
+    ));
     Ok(kept)
-}
-
-/// Depth has the view of colour at a smaller size.
-fn add_depth_camera(
-    calibration: &mut Calibration,
-    frames: &[RecordedFrame],
-) -> Result<(), SequenceError> {
-    let color_size = images::first_size(frames.iter().map(|frame| &frame.color));
-    let depth_size = images::first_size(frames.iter().filter_map(|frame| frame.depth.as_ref()));
-    let (Some(color), Some(color_size), Some(depth_size)) =
-        (&calibration.color, color_size, depth_size)
-    else {
-        return Ok(());
-    };
-    if color_size == depth_size {
-        return Ok(());
-    }
-    let camera = smaller(&color.camera, color_size, depth_size).map_err(|problem| {
-        SequenceError::Content {
-            path: color.source.clone().into(),
-            problem,
-        }
-    })?;
-    calibration.depth = Some(DepthGeometry {
-        camera: CalibratedCamera::known(camera, Some(depth_size), color.source.clone()),
-        color_from_depth: Isometry3::identity(),
-    });
-    Ok(())
-}
-
-/// The camera of the same view at another size.
-fn smaller(camera: &Camera, from: ImageSize, to: ImageSize) -> Result<Camera, String> {
-    let x = f64::from(to.width) / f64::from(from.width);
-    let y = f64::from(to.height) / f64::from(from.height);
-    Camera::pinhole(
-        x * camera.fx(),
-        y * camera.fy(),
-        x * (camera.cx() + 0.5) - 0.5,
-        y * (camera.cy() + 0.5) - 0.5,
-    )
-    .map_err(|error| error.to_string())
 }

@@ -2,6 +2,8 @@
 //!
 //! Of several models in numbered folders the one with the most images is read, unless [`OpenOptions::model`](super::super::OpenOptions::model) names another.
 //!
+//! The images of a dense workspace have its depth maps.
+//!
 //! With `fused.ply` as input, the points are those of the dense cloud.
 //!
 //! `rigs` and `frames` of newer versions are redundant to `images` and are not read.
@@ -10,6 +12,7 @@ mod binary;
 mod builder;
 mod camera;
 mod dense_cloud;
+mod depth_maps;
 mod fused;
 mod numbered;
 mod text;
@@ -241,6 +244,8 @@ impl Layout for Colmap {
         let model = read_model(&path, format, cloud.as_deref())?;
         let mut recording = into_recording(model, folder, &path)?;
         recording.warnings.extend(others);
+        depth_maps::add_to(&mut recording, &path);
+        folder.claim("stereo");
         recording.conventions.push(format!(
             "poses: COLMAP {} in {}, camera from world, inverted; pixels are shifted by half a pixel, since COLMAP's first \
              pixel centre is (0.5, 0.5)",
