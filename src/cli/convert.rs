@@ -51,6 +51,31 @@ pub enum Target {
     Colmap,
     /// Trajectory: nerfstudio's transforms.json.
     Transforms,
+    /// Recording with depth: Stray Scanner, with rgb/ in place of the video.
+    StrayScanner,
+    /// Recording with depth: Record3D, recording.r3d.
+    #[value(name = "record3d")]
+    Record3d,
+    /// Recording with depth: raw data of Polycam.
+    Polycam,
+    /// Recording with depth: ScanNet as exported.
+    Scannet,
+    /// Recording with depth: ARKitScenes.
+    ArkitScenes,
+    /// Recording with depth: Replica of NICE-SLAM.
+    Replica,
+    /// Recording with depth: results.npz of Depth Anything 3.
+    #[value(name = "depth-anything-3")]
+    DepthAnything3,
+    /// Recording with depth: COLMAP's dense workspace.
+    ColmapDense,
+    /// Recording with depth: MVSNet.
+    #[value(name = "mvsnet")]
+    MvsNet,
+    /// Recording with depth: images, OpenEXR depth, a trajectory.
+    Exr,
+    /// Recording with depth: images, float maps, a trajectory.
+    Pfm,
     /// Mesh or lines: Wavefront OBJ.
     Obj,
     /// Mesh, lines or cloud: binary PLY.

@@ -13,7 +13,8 @@ use crate::sinks::keep_apart;
 use crate::standard_error::say;
 use linecarve_sequence::Sequence;
 use linecarve_sequence::export::{
-    TrajectoryFormat, posed_images, write_colmap, write_trajectory, write_transforms,
+    RecordingLayout, TrajectoryFormat, posed_images, write_colmap, write_recording,
+    write_trajectory, write_transforms,
 };
 
 pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
@@ -69,12 +70,35 @@ fn by_extension(out: &Path) -> anyhow::Result<Target> {
     })
 }
 
+/// The layout of a whole recording.
+fn recording_layout(target: Target) -> Option<RecordingLayout> {
+    Some(match target {
+        Target::StrayScanner => RecordingLayout::StrayScanner,
+        Target::Record3d => RecordingLayout::Record3d,
+        Target::Polycam => RecordingLayout::Polycam,
+        Target::Scannet => RecordingLayout::Scannet,
+        Target::ArkitScenes => RecordingLayout::ArkitScenes,
+        Target::Replica => RecordingLayout::Replica,
+        Target::DepthAnything3 => RecordingLayout::DepthAnything3,
+        Target::ColmapDense => RecordingLayout::ColmapDense,
+        Target::MvsNet => RecordingLayout::MvsNet,
+        Target::Exr => RecordingLayout::Exr,
+        Target::Pfm => RecordingLayout::Pfm,
+        _ => return None,
+    })
+}
+
 fn convert_sequence(sequence: &Sequence, out: &Path, target: Target) -> anyhow::Result<Outcome> {
     if sequence.frames().is_empty() && target != Target::Colmap {
         return Ok(Outcome::Negative(
             "the images of the model are not there, and without images there is no trajectory (--to colmap writes all views)"
                 .to_owned(),
         ));
+    }
+    if let Some(layout) = recording_layout(target) {
+        keep_apart(out, sequence.folder())?;
+        write_recording(out, sequence, layout)?;
+        return Ok(Outcome::Done);
     }
     let format = match target {
         Target::Tum => TrajectoryFormat::Tum,

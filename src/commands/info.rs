@@ -2,25 +2,32 @@
 
 use std::path::Path;
 
-use anyhow::ensure;
+use anyhow::{Context, ensure};
+use tempfile::TempDir;
 
 use crate::cli::InfoArgs;
 use crate::commands::Outcome;
-use crate::commands::input::open_options;
+use crate::commands::input::{open_options, unpack_pictures};
 use crate::progress::Verbosity;
 use crate::sinks::{print_object, print_text};
 use crate::standard_error::say;
 use crate::text::{sequence_text, video_text};
 use linecarve_engine::tracking::{TrackingMode, open_with_or_without_poses};
 use linecarve_engine::video::{describe, is_video};
-use linecarve_sequence::{InspectOptions, Warning, inspect};
+use linecarve_sequence::{InspectOptions, OpenOptions, Warning, inspect, video_to_unpack};
 
 pub(super) fn run(args: &InfoArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let input = &args.input.sequence;
     if is_video(input) {
         return describe_video(input, args.json, verbosity);
     }
-    let (sequence, without_poses) = open_with_or_without_poses(input, &open_options(&args.input))?;
+    let mut open = open_options(&args.input);
+    // Lives until the images have been looked at.
+    let _pictures = match video_to_unpack(input, &open) {
+        Some(video) => Some(first_pictures(&video, &mut open, verbosity)?),
+        None => None,
+    };
+    let (sequence, without_poses) = open_with_or_without_poses(input, &open)?;
     let mut facts = inspect(&sequence, &InspectOptions::default())?;
     let missed = sequence.unread_files().iter().filter(|file| file.is_missed);
     facts
@@ -47,6 +54,25 @@ pub(super) fn run(args: &InfoArgs, verbosity: Verbosity) -> anyhow::Result<Outco
         }
     }
     Ok(Outcome::Done)
+}
+
+/// Unpacks the first pictures of a recording's video to a temporary folder.
+fn first_pictures(
+    video: &Path,
+    open: &mut OpenOptions,
+    verbosity: Verbosity,
+) -> anyhow::Result<TempDir> {
+    /// Two seconds, or four: enough motion to compare poses and images.
+    const MOST: usize = 120;
+    let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+    unpack_pictures(video, folder.path(), Some(MOST), open, verbosity)?;
+    if verbosity > Verbosity::Quiet {
+        say!(
+            "note: of {} at most the first {MOST} pictures are looked at",
+            video.display()
+        );
+    }
+    Ok(folder)
 }
 
 /// Says what a video holds.

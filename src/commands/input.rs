@@ -10,9 +10,9 @@ use crate::sinks::OutputFolder;
 use crate::standard_error::say;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
-use linecarve_engine::video::{of_video, unpack};
+use linecarve_engine::video::{Unpacking, of_video, unpack, unpack_as};
 use linecarve_engine::{DepthChoice, Input, Selection, Source};
-use linecarve_sequence::{OpenOptions, Sequence};
+use linecarve_sequence::{OpenOptions, Sequence, video_to_unpack};
 
 /// What is to be reconstructed from which source.
 pub fn input(
@@ -85,6 +85,52 @@ pub(super) fn unpack_video(
     input.open = of_video(std::mem::take(&mut input.open));
     input.path = folder;
     input.track = input.open.poses.is_none();
+    Ok(())
+}
+
+/// Writes the pictures of the video in a recording's folder, such as that of Stray Scanner, to the output folder, and makes them its colour
+/// images.
+///
+/// # Errors
+/// When there is no output folder, or the video has no picture that can be read.
+pub(super) fn unpack_recorded_video(
+    path: &Path,
+    open: &mut OpenOptions,
+    output: Option<&mut OutputFolder>,
+    verbosity: Verbosity,
+) -> anyhow::Result<()> {
+    let Some(video) = video_to_unpack(path, open) else {
+        return Ok(());
+    };
+    let Some(output) = output else {
+        bail!(
+            "{}: unpack the video with linecarve track first, and give --poses",
+            video.display()
+        );
+    };
+    let folder = output.subfolder("video")?;
+    output.numbered("video/images", &["jpg"])?;
+    unpack_pictures(&video, &folder, None, open, verbosity)
+}
+
+/// Writes the pictures of a recording's video, or the first of them, to a folder, and makes them its colour images.
+pub(super) fn unpack_pictures(
+    video: &Path,
+    folder: &Path,
+    most: Option<usize>,
+    open: &mut OpenOptions,
+    verbosity: Verbosity,
+) -> anyhow::Result<()> {
+    let unpacking = Unpacking {
+        of_recording: true,
+        most,
+    };
+    for warning in unpack_as(video, folder, unpacking, &verbosity.hook())? {
+        if verbosity > Verbosity::Quiet {
+            say!("warning: {warning}");
+        }
+    }
+    open.video_images = Some(folder.join("images"));
     Ok(())
 }
 

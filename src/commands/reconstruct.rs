@@ -7,7 +7,7 @@ use linecarve_mesh::TriangleMesh;
 
 use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
-use crate::commands::input::{input, parameters, unpack_video};
+use crate::commands::input::{input, parameters, unpack_recorded_video, unpack_video};
 use crate::commands::simplify::check_tolerance;
 use crate::process::{WatchError, end_beyond, watch as watch_process};
 use crate::progress::Verbosity;
@@ -79,6 +79,8 @@ pub fn reconstruct(
     input.track = args.track;
     if is_video(&input.path) {
         unpack_video(&mut input, output.as_mut(), verbosity)?;
+    } else {
+        unpack_recorded_video(&input.path, &mut input.open, output.as_mut(), verbosity)?;
     }
     let recording = Recording::open(&input, options)?;
     let is_model = recording.source == Source::Model;

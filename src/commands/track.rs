@@ -4,6 +4,7 @@ use anyhow::{Context, bail, ensure};
 
 use crate::cli::TrackArgs;
 use crate::commands::Outcome;
+use crate::commands::input::unpack_recorded_video;
 use crate::progress::Verbosity;
 use crate::sinks::{LiveTracking, OutputFolder, print_object, write_tracked};
 use crate::standard_error::say;
@@ -13,10 +14,10 @@ use linecarve_engine::tracking::{
 };
 use linecarve_engine::video::{is_video, of_video, unpack};
 use linecarve_sequence::export::TrajectoryFormat;
-use linecarve_sequence::{OpenOptions, SIDECAR_FILE, Sequence};
+use linecarve_sequence::{OpenOptions, SIDECAR_FILE, Sequence, video_to_unpack};
 
 pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    let open = OpenOptions {
+    let mut open = OpenOptions {
         calibration: args.calibration.clone(),
         poses: None,
         layout: args.layout.clone(),
@@ -35,6 +36,10 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         warnings.extend(unpack(&args.input, &args.out, &verbosity.hook())?);
         open_unposed(&args.out, &of_video(open), args.accept_as_is)?
     } else {
+        if video_to_unpack(&args.input, &open).is_some() {
+            let output = output.insert(OutputFolder::create(&args.out, &[&args.input])?);
+            unpack_recorded_video(&args.input, &mut open, Some(output), verbosity)?;
+        }
         open_unposed(&args.input, &open, args.accept_as_is)?
     };
     warnings.extend(said);

@@ -11,7 +11,7 @@ mod unpack;
 mod y4m;
 
 pub use facts::{VideoFacts, describe};
-pub use unpack::{is_video, of_video, unpack};
+pub use unpack::{Unpacking, is_video, of_video, unpack, unpack_as};
 
 use std::path::{Path, PathBuf};
 

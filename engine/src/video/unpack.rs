@@ -59,6 +59,29 @@ pub fn unpack(
     folder: &Path,
     progress: &ProgressHook,
 ) -> Result<Vec<String>, VideoError> {
+    unpack_as(input, folder, Unpacking::default(), progress)
+}
+
+/// How the pictures of a video are written.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Unpacking {
+    /// For a recording that has poses and intrinsics of the pictures: pixels as they are stored, whatever way they are to be shown, and
+    /// numbers that count damaged pictures, too.
+    pub of_recording: bool,
+    /// Only so many pictures.
+    pub most: Option<usize>,
+}
+
+/// As [`unpack`], with a choice of how.
+///
+/// # Errors
+/// As [`unpack`].
+pub fn unpack_as(
+    input: &Path,
+    folder: &Path,
+    unpacking: Unpacking,
+    progress: &ProgressHook,
+) -> Result<Vec<String>, VideoError> {
     let images = folder.join(IMAGES);
     std::fs::create_dir_all(&images).map_err(|error| VideoError::Write {
         path: images.clone(),
@@ -68,13 +91,16 @@ pub fn unpack(
     let mut count = 0_usize;
     let mut turns = 0;
     let mut size = None;
-    let mut take = |picture: Picture, turns: u8| {
+    // Times of the pictures of a recording, also of damaged ones.
+    let mut all_times: Vec<i64> = Vec::new();
+    let mut take = |picture: Picture, turns: u8, all_times: &[i64]| {
         // Of a damaged video, pictures may come in another size; a sequence has one.
         let own = (picture.width, picture.height);
         if *size.get_or_insert(own) != own {
             return Ok(());
         }
-        let path = images.join(format!("{count:06}.jpg"));
+        let number = all_times.binary_search(&picture.time_ns).unwrap_or(count);
+        let path = images.join(format!("{number:06}.jpg"));
         let rgb = upright(picture.to_rgb(), turns);
         write_image(&path, &rgb)?;
         let [seconds, rest] = [
@@ -88,7 +114,7 @@ pub fn unpack(
     let warnings = if input == Path::new(STANDARD_INPUT) {
         let mut stdin = std::io::stdin().lock();
         y4m::read(Path::new("standard input"), &mut stdin, &mut |one| {
-            take(one, 0)
+            take(one, 0, &[])
         })?
     } else {
         let unreadable = |error| VideoError::unreadable(input, error);
@@ -96,17 +122,23 @@ pub fn unpack(
         let mut start = [0; 12];
         file.read_exact(&mut start).map_err(unreadable)?;
         if is_mp4(&start) {
-            let track = mp4::read_track(input, &mut file)?;
-            turns = track.quarter_turns;
+            let mut track = mp4::read_track(input, &mut file)?;
+            if unpacking.of_recording {
+                all_times.extend(track.samples.iter().map(|sample| sample.time_ns));
+                all_times.sort_unstable();
+            } else {
+                turns = track.quarter_turns;
+            }
+            track.samples.truncate(unpacking.most.unwrap_or(usize::MAX));
             let mut task = progress.begin("pictures", track.samples.len(), "reading the video");
             samples::read(input, &mut file, &track, &mut |one| {
                 task.step();
-                take(one, turns)
+                take(one, turns, &all_times)
             })?
         } else {
             let mut whole = Cursor::new(start).chain(file);
             y4m::read(input, &mut BufReader::new(&mut whole), &mut |one| {
-                take(one, turns)
+                take(one, turns, &[])
             })?
         }
     };
