@@ -8,6 +8,8 @@ use linecarve_engine::run::StageTimes;
 use linecarve_lines::fit::Segment;
 use linecarve_lines::triangulation::SurfaceSamples;
 use linecarve_points::{Descriptor, Features};
+use linecarve_sequence::export::{RecordingLayout, write_recording};
+use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Matrix3, Point2, Point3, Vector2};
 use serde::Serialize;
 use tempfile::TempDir;
@@ -96,6 +98,7 @@ impl Cases {
             }
         }
         cases.add_folders();
+        cases.add_recordings();
         cases.add_images();
         cases.add_trajectories();
         cases.add_geometry();
@@ -164,6 +167,46 @@ impl Cases {
         let above = self.folder();
         write_replica(&above);
         self.add_existing(Kind::Sequence, &above.join("room0"), Path::new("traj.txt"));
+    }
+
+    /// Recordings of phones and results of models: of the files of each extension the first.
+    fn add_recordings(&mut self) {
+        let source = self.folder();
+        write_tum(&source, 2);
+        let sequence = Sequence::open(&source, &OpenOptions::default()).expect("a well sequence");
+        for layout in [
+            RecordingLayout::StrayScanner,
+            RecordingLayout::Record3d,
+            RecordingLayout::Polycam,
+            RecordingLayout::Scannet,
+            RecordingLayout::ArkitScenes,
+            RecordingLayout::DepthAnything3,
+            RecordingLayout::ColmapDense,
+            RecordingLayout::MvsNet,
+            RecordingLayout::Exr,
+            RecordingLayout::Pfm,
+        ] {
+            let folder = self.folder();
+            write_recording(&folder, &sequence, layout).expect("a folder that is new");
+            if layout == RecordingLayout::Record3d {
+                // Damage of an archive ends at its checksums: also its members, which are read as they are.
+                let unpacked = self.folder();
+                unpack(&folder.join("recording.r3d"), &unpacked);
+                self.add_first_files(&unpacked);
+            }
+            self.add_first_files(&folder);
+        }
+    }
+
+    fn add_first_files(&mut self, folder: &Path) {
+        let mut seen = Vec::new();
+        for file in files_in(folder) {
+            let extension = file.extension().map(ToOwned::to_owned);
+            if !is_image(&file) && !seen.contains(&extension) {
+                seen.push(extension);
+                self.add_existing(Kind::Sequence, folder, &file);
+            }
+        }
     }
 
     /// An image in each format, whatever its name says.
@@ -369,4 +412,11 @@ fn points_keyframe() -> FeatureKeyframe {
         },
         times: StageTimes::default(),
     }
+}
+
+/// Writes the members of an archive as files.
+fn unpack(archive: &Path, folder: &Path) {
+    let file = std::fs::File::open(archive).expect("an archive");
+    let mut archive = zip::ZipArchive::new(file).expect("a well archive");
+    archive.extract(folder).expect("files in a temporary folder");
 }

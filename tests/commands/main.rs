@@ -21,6 +21,7 @@ mod killed;
 mod live;
 mod map_points;
 mod paper;
+mod phones;
 mod reconstruct;
 mod render;
 mod report_page;

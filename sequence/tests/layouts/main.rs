@@ -12,6 +12,8 @@ mod geometry_files;
 mod layouts;
 mod models;
 mod mutated;
+mod phone_faults;
+mod phone_layouts;
 mod recorded;
 mod recorded_export;
 mod stereo;
