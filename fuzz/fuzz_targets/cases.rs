@@ -389,7 +389,6 @@ fn lines_keyframe() -> LineKeyframe {
             sigma: 0.01,
         }],
         surface: SurfaceSamples::default(),
-        depth: None,
         unmeasurable_depths: 0,
         colors: KeyframeColors::of(&image::RgbImage::new(8, 8)),
         edge_chains: 1,
