@@ -14,13 +14,8 @@ pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
     let camera = joined(&[sides[0], sides[1], fx, fy, cx, cy]) + "\n";
     for index in 0..source.count() {
         let time = seconds(source.time_ns(index));
-        let picture = source.picture(index)?;
-        let extension = picture.extension;
-        source.write(&format!("lowres_wide/1_{time}.{extension}"), &picture.bytes)?;
-        source.write(
-            &format!("lowres_depth/1_{time}.png"),
-            &source.depth_png(index, 1000.0)?,
-        )?;
+        source.write_picture(index, &format!("lowres_wide/1_{time}"))?;
+        source.write_depth_png(index, 1000.0, &format!("lowres_depth/1_{time}.png"))?;
         let name = format!("lowres_wide_intrinsics/1_{time}.pincam");
         source.write(&name, camera.as_bytes())?;
         let pose = source.pose(index).inverse();

@@ -10,9 +10,8 @@ pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
     let mut images = String::from("# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n");
     let size = source.depth_size();
     for index in 0..source.count() {
-        let picture = source.picture(index)?;
-        let name = format!("{index:06}.{}", picture.extension);
-        source.write(&format!("images/{name}"), &picture.bytes)?;
+        let extension = source.write_picture(index, &format!("images/{index:06}"))?;
+        let name = format!("{index:06}.{extension}");
         let mut map = format!("{}&{}&1&", size.width, size.height).into_bytes();
         let depth = source.depth(index)?;
         map.extend(depth.samples().iter().flat_map(|value| value.to_le_bytes()));

@@ -19,11 +19,7 @@ pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
     if !is_inside {
         source.make_folder("images")?;
         for index in 0..source.count() {
-            let picture = source.picture(index)?;
-            source.write(
-                &format!("images/{index:06}.{}", picture.extension),
-                &picture.bytes,
-            )?;
+            source.write_picture(index, &format!("images/{index:06}"))?;
         }
     }
     source.write_with("results.npz", |out| {

@@ -21,11 +21,7 @@ pub(super) fn write(source: &Source<'_>, format: DepthFormat) -> Result<(), Reco
     source.make_folder("depth")?;
     let (mut trajectory, mut times) = (String::new(), String::new());
     for index in 0..source.count() {
-        let picture = source.picture(index)?;
-        source.write(
-            &format!("images/{index:06}.{}", picture.extension),
-            &picture.bytes,
-        )?;
+        source.write_picture(index, &format!("images/{index:06}"))?;
         let depth = source.depth(index)?;
         let (bytes, extension) = match format {
             DepthFormat::Exr => {

@@ -10,11 +10,7 @@ pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
     }
     let [fx, fy, cx, cy] = intrinsics(source.camera());
     for index in 0..source.count() {
-        let picture = source.picture(index)?;
-        source.write(
-            &format!("images/{index:08}.{}", picture.extension),
-            &picture.bytes,
-        )?;
+        source.write_picture(index, &format!("images/{index:08}"))?;
         let depth = source.depth(index)?;
         source.write(&format!("depth_est/{index:08}.pfm"), &float_map(&depth))?;
         let known = depth.samples().iter().copied().filter(|depth| *depth > 0.0);

@@ -13,16 +13,8 @@ pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
     for index in 0..source.count() {
         // Microseconds; the names of the app have as many digits.
         let stem = 1_000_000_000 + source.time_ns(index) / 1000;
-        let picture = source.picture(index)?;
-        let extension = picture.extension;
-        source.write(
-            &format!("keyframes/images/{stem}.{extension}"),
-            &picture.bytes,
-        )?;
-        source.write(
-            &format!("keyframes/depth/{stem}.png"),
-            &source.depth_png(index, 1000.0)?,
-        )?;
+        source.write_picture(index, &format!("keyframes/images/{stem}"))?;
+        source.write_depth_png(index, 1000.0, &format!("keyframes/depth/{stem}.png"))?;
         let camera = camera(source, index, stem);
         source.write(&format!("keyframes/cameras/{stem}.json"), camera.as_bytes())?;
     }

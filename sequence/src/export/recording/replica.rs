@@ -14,16 +14,8 @@ pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
     };
     let mut trajectory = String::new();
     for index in 0..source.count() {
-        let picture = source.picture(index)?;
-        let extension = picture.extension;
-        source.write(
-            &format!("results/frame{index:06}.{extension}"),
-            &picture.bytes,
-        )?;
-        source.write(
-            &format!("results/depth{index:06}.png"),
-            &source.depth_png(index, scale)?,
-        )?;
+        source.write_picture(index, &format!("results/frame{index:06}"))?;
+        source.write_depth_png(index, scale, &format!("results/depth{index:06}.png"))?;
         trajectory += &(joined(matrix_rows(source.pose(index)).as_flattened()) + "\n");
     }
     source.write("traj.txt", trajectory.as_bytes())?;

@@ -8,15 +8,8 @@ pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
         source.make_folder(folder)?;
     }
     for index in 0..source.count() {
-        let picture = source.picture(index)?;
-        source.write(
-            &format!("color/{index}.{}", picture.extension),
-            &picture.bytes,
-        )?;
-        source.write(
-            &format!("depth/{index}.png"),
-            &source.depth_png(index, 1000.0)?,
-        )?;
+        source.write_picture(index, &format!("color/{index}"))?;
+        source.write_depth_png(index, 1000.0, &format!("depth/{index}.png"))?;
         let pose = matrix_text(source.pose(index));
         source.write(&format!("pose/{index}.txt"), pose.as_bytes())?;
     }

@@ -131,6 +131,17 @@ impl<'a> Source<'a> {
         })
     }
 
+    /// Writes the colour image of a frame under a name without extension; returns its extension.
+    pub(super) fn write_picture(
+        &self,
+        index: usize,
+        stem: &str,
+    ) -> Result<&'static str, RecordingError> {
+        let Picture { bytes, extension } = self.picture(index)?;
+        self.write(&format!("{stem}.{extension}"), &bytes)?;
+        Ok(extension)
+    }
+
     /// The pixels of the colour image of a frame.
     pub(super) fn pixels(&self, index: usize) -> Result<Vec<u8>, RecordingError> {
         Ok(self.sequence.load_color(index)?.into_raw())
@@ -146,8 +157,13 @@ impl<'a> Source<'a> {
         Ok(self.sequence.load_depth(index)?.unwrap_or_else(unknown))
     }
 
-    /// Depth of a frame as a PNG of integers, `scale` of them a pose unit.
-    pub(super) fn depth_png(&self, index: usize, scale: f64) -> Result<Vec<u8>, RecordingError> {
+    /// Writes depth of a frame as a PNG of integers, `scale` of them a pose unit.
+    pub(super) fn write_depth_png(
+        &self,
+        index: usize,
+        scale: f64,
+        name: &str,
+    ) -> Result<(), RecordingError> {
         let depth = self.depth(index)?;
         let raw = depth.samples().iter().map(|&depth| {
             let raw = (f64::from(depth) * scale).round();
@@ -157,7 +173,7 @@ impl<'a> Source<'a> {
         let (width, height) = (depth.width() as u32, depth.height() as u32);
         let image = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, raw.collect())
             .expect("one value a pixel");
-        self.png(index, &DynamicImage::ImageLuma16(image))
+        self.write(name, &self.png(index, &DynamicImage::ImageLuma16(image))?)
     }
 
     fn png(&self, index: usize, image: &DynamicImage) -> Result<Vec<u8>, RecordingError> {

@@ -8,15 +8,8 @@ pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
     source.make_folder("depth")?;
     let mut odometry = String::from("timestamp, frame, x, y, z, qx, qy, qz, qw\n");
     for index in 0..source.count() {
-        let picture = source.picture(index)?;
-        source.write(
-            &format!("rgb/{index:06}.{}", picture.extension),
-            &picture.bytes,
-        )?;
-        source.write(
-            &format!("depth/{index:06}.png"),
-            &source.depth_png(index, 1000.0)?,
-        )?;
+        source.write_picture(index, &format!("rgb/{index:06}"))?;
+        source.write_depth_png(index, 1000.0, &format!("depth/{index:06}.png"))?;
         let pose = source.pose(index);
         let (t, q) = (pose.translation.vector, pose.rotation.coords);
         let numbers = [t.x, t.y, t.z, q.x, q.y, q.z, q.w].map(|number| number.to_string());
