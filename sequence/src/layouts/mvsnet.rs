@@ -2,11 +2,14 @@
 //!
 //! A camera file has `extrinsic` and a 4x4 matrix, camera from world, then `intrinsic` and a 3x3 matrix, then the range of depth.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
 
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, resized};
+use super::super::container::Containers;
+use super::super::depth_image::depth_header;
 use super::super::image_file::image_size;
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording};
 use super::super::text::{TextFile, parse_number, shorten};
@@ -87,13 +90,23 @@ fn read(
         Some(path) => images::files_in(&path)?,
         None => Vec::new(),
     };
+    // By name, and by the number in it.
+    let by_name: BTreeMap<&str, &PathBuf> =
+        depths.iter().map(|(name, path)| (&**name, path)).collect();
+    let numbered = depths.iter().rev();
+    let by_number: BTreeMap<u64, &PathBuf> = numbered
+        .filter_map(|(name, path)| Some((images::number_of(name)?, path)))
+        .collect();
     let depth_of = |stem: &str| {
-        let mut all = depths.iter();
-        all.find(|(name, _)| name == stem || images::number_of(name) == images::number_of(stem))
+        let of_number = || by_number.get(&images::number_of(stem)?);
+        by_name
+            .get(stem)
+            .or_else(of_number)
+            .map(|path| (*path).clone())
     };
+    let containers = Containers::default();
     let depth_size = depths.iter().find_map(|(_, path)| {
-        let containers = super::super::container::Containers::default();
-        let header = super::super::depth_image::depth_header(&containers, path, None);
+        let header = depth_header(&containers, path, None);
         header.ok().map(|header| header.size)
     });
     let mut cameras = FrameCameras::default();
@@ -113,7 +126,7 @@ fn read(
         }
         let size = image_size(&color)?;
         let camera = camera(intrinsics, size, depth_size, &path)?;
-        let depth = depth_of(&stem).map(|(_, path)| path.clone());
+        let depth = depth_of(&stem);
         if depth.is_none() {
             without_depth.add(stem.clone());
         }

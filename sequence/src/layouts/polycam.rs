@@ -3,6 +3,7 @@
 //! After processing in the app there are also `corrected_cameras` and `corrected_images`, which are then read. Cameras have the axes of
 //! ARKit: x right, y up, z backward.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
@@ -15,6 +16,7 @@ use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
 use super::frame_cameras::{FrameCameras, pinhole};
+use super::images;
 
 /// Reader of Polycam.
 pub(in super::super) struct Polycam;
@@ -139,15 +141,9 @@ fn read(
 ) -> Result<Recording, SequenceError> {
     let images = root.join(image_folder);
     let cameras_path = root.join(camera_folder);
-    let depths = match root.join(DEPTH) {
-        path if path.is_dir() => Some(Folder::list(&path)?),
-        _ => None,
-    };
-    let depth_of = |stem: &str| {
-        let depths = depths.as_ref()?;
-        let mut names = depths.names().iter();
-        let name = names.find(|name| image_stem(name) == Some(stem))?;
-        Some(depths.path().join(name))
+    let depths: BTreeMap<String, PathBuf> = match root.join(DEPTH) {
+        path if path.is_dir() => images::files_in(&path)?.into_iter().collect(),
+        _ => BTreeMap::new(),
     };
     let mut cameras = FrameCameras::default();
     let mut frames = Vec::new();
@@ -169,7 +165,7 @@ fn read(
             invalid.add(stem);
             continue;
         }
-        let depth = depth_of(stem);
+        let depth = depths.get(stem).cloned();
         if depth.is_none() {
             without_depth.add(stem);
         }
