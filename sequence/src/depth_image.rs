@@ -225,7 +225,7 @@ fn npy_samples(bytes: &[u8]) -> Result<RawDepth, Problem> {
 }
 
 /// Size of an array of rows; a first or last axis of length 1, as of a batch or of channels, is none.
-fn npy_size(header: &NpyHeader) -> Result<ImageSize, String> {
+pub(super) fn npy_size(header: &NpyHeader) -> Result<ImageSize, String> {
     match header.shape[..] {
         [height, width] | [1, height, width] | [height, width, 1] | [1, height, width, 1] => {
             size(width, height)
@@ -236,7 +236,7 @@ fn npy_size(header: &NpyHeader) -> Result<ImageSize, String> {
     }
 }
 
-fn size(width: u64, height: u64) -> Result<ImageSize, String> {
+pub(super) fn size(width: u64, height: u64) -> Result<ImageSize, String> {
     match (u32::try_from(width), u32::try_from(height)) {
         (Ok(width @ 1..), Ok(height @ 1..)) => Ok(ImageSize { width, height }),
         _ => Err(format!("a size of {width} x {height}")),

@@ -12,6 +12,7 @@ use linecarve_mesh::files::open_regular;
 use super::FrameError;
 use super::calibration::ImageSize;
 use super::container::Containers;
+use super::depth_image::size;
 use super::npy::{self, NpyHeader, NpyType};
 
 /// Most headers of images end within so many bytes.
@@ -133,12 +134,8 @@ pub(super) fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {
 
 /// Size of an array of rows, columns and three 8-bit channels.
 fn npy_color_size(header: &NpyHeader) -> Result<ImageSize, String> {
-    let side = |length: u64| u32::try_from(length).ok().filter(|side| *side > 0);
     match (&header.shape[..], header.npy_type()) {
-        (&[height, width, 3], Some(NpyType::U8)) => match (side(width), side(height)) {
-            (Some(width), Some(height)) => Ok(ImageSize { width, height }),
-            _ => Err(format!("a size of {width} x {height}")),
-        },
+        (&[height, width, 3], Some(NpyType::U8)) => size(width, height),
         (shape, _) => Err(format!(
             "an array of shape {shape:?} and type {}, not of rows, columns and three channels of type uint8",
             header.descr

@@ -87,11 +87,17 @@ impl NpyHeader {
     /// When it is no array, or its values cannot be read one item after the other.
     pub(super) fn read_from(reader: &mut impl Read) -> io::Result<Self> {
         let mut bytes = vec![0; MAGIC.len() + 6];
-        reader.read_exact(&mut bytes[..MAGIC.len() + 4])?;
+        let no_array = |error: io::Error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => io::Error::other("no array of numpy"),
+            _ => error,
+        };
+        reader
+            .read_exact(&mut bytes[..MAGIC.len() + 4])
+            .map_err(no_array)?;
         let (length, at) = match bytes[MAGIC.len()] {
             1 => (u64::from(bytes[8]) | u64::from(bytes[9]) << 8, 10),
             _ => {
-                reader.read_exact(&mut bytes[10..])?;
+                reader.read_exact(&mut bytes[10..]).map_err(no_array)?;
                 let length = u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]);
                 (u64::from(length), 12)
             }

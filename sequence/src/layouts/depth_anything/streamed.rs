@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::super::super::SequenceError;
 use super::super::super::calibration::ImageSize;
 use super::super::super::container;
+use super::super::super::depth_image::npy_size;
 use super::super::super::layout::{Folder, PoseSource, RecordedFrame, Recording};
 use super::super::super::model::compare_names;
 use super::super::super::rigid;
@@ -150,17 +151,8 @@ fn size_of(path: &Path) -> Result<ImageSize, SequenceError> {
         path: path.to_owned(),
         source,
     })?;
-    let side = |side: u64| u32::try_from(side).ok().filter(|side| *side > 0);
-    if let [height, width] = header.shape[..]
-        && let (Some(width), Some(height)) = (side(width), side(height))
-    {
-        return Ok(ImageSize { width, height });
-    }
-    Err(SequenceError::Content {
+    npy_size(&header).map_err(|problem| SequenceError::Content {
         path: path.to_owned(),
-        problem: format!(
-            "has the shape {:?} in place of rows and columns",
-            header.shape
-        ),
+        problem: format!("has {problem}"),
     })
 }
