@@ -2,6 +2,7 @@
 //!
 //! The lowest class of phones is depth that was filled in over outlines and far away. Confidence as a number without classes is not read.
 
+use std::io::ErrorKind;
 use std::path::Path;
 
 use image::DynamicImage;
@@ -28,7 +29,13 @@ impl Sequence {
             width: depth.width() as u32,
             height: depth.height() as u32,
         };
-        let classes = classes(&self.containers, &path, size)?;
+        let classes = match classes(&self.containers, &path, size) {
+            // An archive without the image of this frame.
+            Err(FrameError::Unreadable { source, .. }) if source.kind() == ErrorKind::NotFound => {
+                return Ok(());
+            }
+            classes => classes?,
+        };
         for (depth, class) in depth.samples_mut().iter_mut().zip(classes) {
             if class == 0 {
                 *depth = 0.0;

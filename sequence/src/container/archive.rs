@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use flate2::read::DeflateDecoder;
 use linecarve_mesh::files::open_regular;
+use zip::result::ZipError;
 use zip::{CompressionMethod, ZipArchive};
 
 use super::{MAX_BYTES, read_bounded, too_large};
@@ -82,6 +83,10 @@ impl Archive {
     }
 }
 
-fn missing(name: &str, error: &zip::result::ZipError) -> io::Error {
-    io::Error::other(format!("{name} in the archive: {error}"))
+fn missing(name: &str, error: &ZipError) -> io::Error {
+    let kind = match error {
+        ZipError::FileNotFound => io::ErrorKind::NotFound,
+        _ => io::ErrorKind::Other,
+    };
+    io::Error::new(kind, format!("{name} in the archive: {error}"))
 }
