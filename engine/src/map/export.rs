@@ -101,5 +101,5 @@ pub(crate) fn export_options(options: &Options, median_depth: Option<f64>) -> Ex
 
 /// Closes all holes but the largest, whether anything was measured there or not.
 pub(crate) fn close_all_holes(mesh: &mut TriangleMesh) {
-    close_holes(mesh, LARGEST_HOLE_EDGES, |_| true);
+    close_holes(mesh, LARGEST_HOLE_EDGES);
 }

@@ -9,26 +9,21 @@
 mod loops;
 mod triangulate;
 
-use nalgebra::Point3;
 use rustc_hash::FxHashSet;
 
 use crate::TriangleMesh;
 use loops::boundary_loops;
 use triangulate::Triangulation;
 
-/// Closes the holes with at most `most_edges` edges whose triangles `is_accepted`; returns the number of holes closed. No vertex is
-/// added, and no edge gets more than two triangles.
+/// Closes the holes with at most `most_edges` edges; returns the number of holes closed. No vertex is added, and no edge gets more than two
+/// triangles.
 ///
 /// Left open: the outer boundary of a patch, whose triangles would lie on its back; loops that touch themselves; loops around which the
 /// new triangles would fold back onto the old ones.
 ///
 /// # Complexity
 /// Linear in the mesh, and cubic in the edges of a hole.
-pub fn close_holes(
-    mesh: &mut TriangleMesh,
-    most_edges: usize,
-    is_accepted: impl Fn(&[Point3<f64>; 3]) -> bool,
-) -> usize {
+pub fn close_holes(mesh: &mut TriangleMesh, most_edges: usize) -> usize {
     let boundary = boundary_loops(&mesh.triangles);
     let mut edges: FxHashSet<[u32; 2]> = FxHashSet::default();
     edges.extend(mesh.triangles.iter().flat_map(edges_of));
@@ -38,10 +33,6 @@ pub fn close_holes(
             continue;
         };
         let triangles = triangulation.triangles();
-        let points = |triangle: &[u32; 3]| triangle.map(|corner| mesh.positions[corner as usize]);
-        if !triangles.iter().all(|it| is_accepted(&points(it))) {
-            continue;
-        }
         edges.extend(triangles.iter().flat_map(edges_of));
         mesh.triangles.extend(triangles);
         closed += 1;
