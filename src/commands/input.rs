@@ -89,24 +89,18 @@ pub(super) fn unpack_video(
 }
 
 /// Writes the pictures of the video in a recording's folder, such as that of Stray Scanner, to the output folder, and makes them its colour
-/// images.
+/// images. Without an output folder the reader of the recording says how to unpack it.
 ///
 /// # Errors
-/// When there is no output folder, or the video has no picture that can be read.
+/// When the video has no picture that can be read.
 pub(super) fn unpack_recorded_video(
     path: &Path,
     open: &mut OpenOptions,
     output: Option<&mut OutputFolder>,
     verbosity: Verbosity,
 ) -> anyhow::Result<()> {
-    let Some(video) = video_to_unpack(path, open) else {
+    let (Some(video), Some(output)) = (video_to_unpack(path, open), output) else {
         return Ok(());
-    };
-    let Some(output) = output else {
-        bail!(
-            "{}: unpack the video with linecarve track first, and give --poses",
-            video.display()
-        );
     };
     let folder = output.subfolder("video")?;
     output.numbered("video/images", &["jpg"])?;
