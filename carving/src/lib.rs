@@ -28,7 +28,7 @@ pub use flow::FlowViolation;
 pub use labels::{CutOptions, CutOptionsError, Labels, Votes};
 pub use surface::{
     ChangeLog, ExportOptions, Face, Hull, IncrementalMesh, IndexedMesh, MeshChange, SurfaceDelta,
-    SurfaceViolation, Triangle, TriangleRole,
+    SurfaceViolation, Triangle, TrianglePart, TriangleRole, VertexOrigin,
 };
 pub use tetrahedralization::{
     BatchError, CellId, Changes, Edit, IncidentCells, Insertion, Location, MAX_COORDINATE,

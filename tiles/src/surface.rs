@@ -151,7 +151,7 @@ fn part(around: &Around, least: usize, is_manifold: bool) -> SurfacePart {
     let triangles = &surface.triangles;
     let (mut fans, mut edges, mut numbers) = (Vec::new(), Vec::new(), vec![0; triangles.len()]);
     if !surface.neighbors.is_empty() {
-        let connected = connect(surface, |_| true);
+        let connected = connect(surface, |_, _| true);
         numbers = components(around, &connected.components, least);
         (fans, edges) = match is_manifold {
             true => (connected.fans, connected.edges),

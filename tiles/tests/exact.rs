@@ -3,7 +3,8 @@
 #![allow(clippy::unwrap_used, reason = "a test ends where anything fails")]
 use linecarve_carving::internals::assemble;
 use linecarve_carving::{
-    Carver, CarverOptions, CutOptions, ExportOptions, Hull, IndexedMesh, Labels, Votes,
+    Carver, CarverOptions, CutOptions, ExportOptions, Hull, IndexedMesh, Labels, TriangleRole,
+    Votes,
 };
 use linecarve_tiles::{PlanOptions, Stage, TilesError, Work};
 use linecarve_tiles::{merged_mesh, merged_surface, plan, run, run_item};
@@ -138,7 +139,7 @@ fn assert_same_later(
     let work = plan(folder.path(), carver, export, &options, String::new()).unwrap();
     run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
     let surface = merged_surface(&work).unwrap();
-    let all = vec![true; surface.triangles.len()];
+    let all = vec![TriangleRole::Exported; surface.triangles.len()];
     let (mesh, _) = assemble(&surface, &all, export);
     assert!(mesh == *whole, "{tiles} tiles, seed {seed}, later");
 }

@@ -25,6 +25,7 @@ use nalgebra::Point3;
 use crate::labels::{Cut, Labels, Votes};
 use crate::surface::{
     Carved, ExportOptions, Facets, Hull, IncrementalMesh, IndexedMesh, Triangle, TriangleRole,
+    VertexOrigin,
 };
 use crate::tetrahedralization::{CellId, Changes, IncidentCells, Tetrahedralization, VertexId};
 use crate::visibility::{Cells, RayVisibility, Samples, Views};
@@ -290,22 +291,21 @@ impl Carver {
     ///
     /// `n log n` in the number of triangles, and a scan of one byte a cell.
     pub fn mesh(&self, options: &ExportOptions) -> IndexedMesh {
-        self.mesh_where(options, |_| true).0
+        self.mesh_where(options, |_| TriangleRole::Exported).0
     }
 
-    /// The same for the [`triangles`](Self::triangles) that satisfy `is_wanted`. The others count for the size of their
-    /// component and are left out before repair. Also returns for each vertex of the mesh the vertex of
-    /// [`tetrahedra`](Self::tetrahedra) that it copies, `None` for midpoints of split edges.
+    /// The same where `role` says how a triangle is exported. Those that are left out before repair count for the size of their
+    /// component. Also returns for each vertex of the mesh what it is, by vertices of [`tetrahedra`](Self::tetrahedra).
     ///
     /// # Complexity
     ///
-    /// As [`mesh`](Self::mesh), and one call of `is_wanted` for each triangle.
+    /// As [`mesh`](Self::mesh), and one call of `role` for each triangle.
     pub fn mesh_where(
         &self,
         options: &ExportOptions,
-        is_wanted: impl Fn(Triangle) -> bool,
-    ) -> (IndexedMesh, Vec<Option<VertexId>>) {
-        crate::surface::extract(&self.tetrahedra, &self.facets, options, is_wanted)
+        role: impl Fn(&Triangle) -> TriangleRole,
+    ) -> (IndexedMesh, Vec<VertexOrigin<VertexId>>) {
+        crate::surface::extract(&self.tetrahedra, &self.facets, options, role)
     }
 
     /// Brings a mesh up to date with the surface. `deltas` are those of all commits since its last update, in order, `touched`

@@ -2,7 +2,7 @@
 //!
 //! Triangles are connected with the neighbours that bound the same wedge of free space ([`across`](super::repair::across)); the
 //! corners that remain connected around a vertex form one fan. Two edges of one fan may still have the same ends; all but one of
-//! them are split at their midpoints.
+//! them are split at their midpoints. Of some triangles a [part](TrianglePart) is exported: it has one or two of the edges.
 //!
 //! Nothing here knows tetrahedra: triangles may come from several parts of a scene.
 
@@ -11,6 +11,8 @@ use rustc_hash::FxHashMap;
 
 use super::delta::rotate_smallest_first;
 use super::extract::{ExportOptions, IndexedMesh};
+use super::incremental::TriangleRole;
+use super::part::{TrianglePart, VertexOrigin};
 use crate::buckets::Buckets;
 
 /// No neighbour across an edge.
@@ -34,6 +36,8 @@ pub struct RankedSurface {
 /// The triangles to be exported and their connectivity.
 struct SurfacePatch {
     triangles: Vec<RankedTriangle>,
+    /// What is exported of each: `None` for all of it.
+    parts: Vec<Option<TrianglePart>>,
     /// For each corner the copy of its vertex; all 0 without repair.
     copies: Vec<[u32; 3]>,
     /// For each edge, which starts at the corner of the same index, a number that it shares with the edge of the
@@ -49,8 +53,33 @@ impl SurfacePatch {
             list.retain(|_| is_kept.next().copied().unwrap_or(false));
         }
         keep(&mut self.triangles, is_kept);
+        keep(&mut self.parts, is_kept);
         keep(&mut self.copies, is_kept);
         keep(&mut self.edges, is_kept);
+    }
+
+    /// The corners in use, with their copies.
+    fn corners(&self) -> impl Iterator<Item = (u32, u32)> + Clone + '_ {
+        let triangles = self.triangles.iter().zip(&self.copies).zip(&self.parts);
+        triangles.flat_map(|((triangle, copies), part)| {
+            let is_used = move |k: &usize| part.is_none_or(|part| part.has_corner(*k));
+            (0..3).filter(is_used).map(|k| (triangle[k], copies[k]))
+        })
+    }
+
+    /// The points inside triangles of which a part is exported, as triangles, in lexicographic order.
+    fn points_inside(&self, surface: &RankedSurface) -> Vec<(Point3<f64>, u32)> {
+        let point = |(index, part): (u32, &Option<TrianglePart>)| {
+            let corners = self.triangles[index as usize];
+            let corners = corners.map(|rank| Point3::from(surface.positions[rank as usize]));
+            Some((part.as_ref()?.point(&corners), index))
+        };
+        let mut points: Vec<_> = (0..).zip(&self.parts).filter_map(point).collect();
+        points.sort_by(|(a, _), (b, _)| {
+            let orders = a.iter().zip(b.iter()).map(|(a, b)| a.total_cmp(b));
+            orders.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
+        });
+        points
     }
 }
 
@@ -78,20 +107,21 @@ impl Sets {
     }
 }
 
-/// The mesh of the triangles that are wanted and belong to a component that is large enough; `is_wanted` has an entry for each
-/// triangle. Also returns for each vertex of the mesh the rank of its position, `None` for the midpoints of split edges. The
-/// filter of long edges is not applied here.
+/// The mesh of the triangles that have a role in it and belong to a component that is large enough; `roles` has an entry for each
+/// triangle: those that are ignored count for components as well. Also returns for each vertex of the mesh what it is, by ranks of
+/// positions. The filter of long edges is not applied here.
 pub fn assemble(
     surface: &RankedSurface,
-    is_wanted: &[bool],
+    roles: &[TriangleRole],
     options: &ExportOptions,
-) -> (IndexedMesh, Vec<Option<u32>>) {
-    let filled = options.fill_gaps.then(|| without_gaps(surface, is_wanted));
-    let is_wanted = filled.as_deref().unwrap_or(is_wanted);
-    let mut patch = split_into_manifold(surface, is_wanted, options);
-    let ranks = patch.triangles.iter().flatten().copied();
-    let corners = ranks.zip(patch.copies.iter().flatten().copied());
-    let corners = Buckets::new(surface.positions.len(), corners);
+) -> (IndexedMesh, Vec<VertexOrigin<u32>>) {
+    let roles = joined_roles(surface, roles, options);
+    let patch = split_into_manifold(surface, &roles, options);
+    let corners = Buckets::new(surface.positions.len(), patch.corners());
+    let mut origins: Vec<VertexOrigin<u32>> = corners
+        .iter()
+        .map(|(rank, _)| VertexOrigin::Vertex(rank))
+        .collect();
     let mut mesh = IndexedMesh {
         vertices: corners
             .iter()
@@ -99,33 +129,67 @@ pub fn assemble(
             .collect(),
         triangles: Vec::with_capacity(patch.triangles.len()),
     };
+    let mut inside: Vec<u32> = vec![0; patch.triangles.len()];
+    for (point, index) in patch.points_inside(surface) {
+        inside[index as usize] = mesh.vertices.len() as u32;
+        mesh.vertices.push(point);
+        let (corners, part) = (patch.triangles[index as usize], patch.parts[index as usize]);
+        origins.push(
+            part.map_or(VertexOrigin::Middle, |part| VertexOrigin::Inside {
+                corners,
+                part,
+            }),
+        );
+    }
     let index = |rank: u32, copy: u32| {
         let number = corners.number(rank, copy);
         number.expect("every corner has been listed")
     };
-    let triangles = patch.triangles.iter().zip(&patch.copies);
-    mesh.triangles.extend(
-        triangles.map(|(triangle, copies)| [0, 1, 2].map(|k| index(triangle[k], copies[k]))),
-    );
-    (patch.triangles, patch.copies) = (Vec::new(), Vec::new());
-    let mut ranks: Vec<Option<u32>> = corners.iter().map(|(rank, _)| Some(rank)).collect();
+    let mut edges: Vec<[u32; 3]> = Vec::with_capacity(patch.triangles.len());
+    // Edges of parts that end inside a triangle have numbers of their own.
+    let mut spoke = 3 * surface.triangles.len() as u32;
+    for (at, triangle) in patch.triangles.iter().enumerate() {
+        let (copies, numbers) = (patch.copies[at], patch.edges[at]);
+        let corner = |k: usize| index(triangle[k % 3], copies[k % 3]);
+        let Some(part) = patch.parts[at] else {
+            mesh.triangles.push([0, 1, 2].map(corner));
+            edges.push(numbers);
+            continue;
+        };
+        for k in (0..3).filter(|k| part.edges[*k]) {
+            mesh.triangles.push([corner(k), corner(k + 1), inside[at]]);
+            let [from, to] = [k, (k + 1) % 3].map(|k| spoke + k as u32);
+            edges.push([numbers[k], to, from]);
+        }
+        spoke += 3;
+    }
     if options.manifold {
-        split_repeated_edges(&mut mesh, &patch.edges);
-        ranks.resize(mesh.vertices.len(), None);
+        split_repeated_edges(&mut mesh, &edges);
+        origins.resize(mesh.vertices.len(), VertexOrigin::Middle);
     }
     for triangle in &mut mesh.triangles {
         *triangle = rotate_smallest_first(*triangle);
     }
     mesh.triangles.sort_unstable();
-    (mesh, ranks)
+    (mesh, origins)
 }
 
-/// The wanted triangles, and those whose neighbours across all edges are wanted.
-fn without_gaps(surface: &RankedSurface, is_wanted: &[bool]) -> Vec<bool> {
-    let is_neighbor_wanted =
-        |neighbor: &u32| is_wanted.get(*neighbor as usize).copied() == Some(true);
-    (surface.neighbors.iter().zip(is_wanted))
-        .map(|(neighbors, is_wanted)| *is_wanted || neighbors.iter().all(is_neighbor_wanted))
+/// The roles as those of the neighbours allow: gaps are filled, and parts have the edges with a whole triangle on the other side.
+fn joined_roles(
+    surface: &RankedSurface,
+    roles: &[TriangleRole],
+    options: &ExportOptions,
+) -> Vec<TriangleRole> {
+    if !options.needs_neighbors() {
+        let alone = roles.iter().map(|role| role.beside_whole([false; 3]));
+        return alone.collect();
+    }
+    let is_whole = |neighbor: u32| roles.get(neighbor as usize) == Some(&TriangleRole::Exported);
+    (surface.neighbors.iter().zip(roles))
+        .map(|(neighbors, role)| match neighbors.map(is_whole) {
+            [true, true, true] if options.fill_gaps => TriangleRole::Exported,
+            is_beside_whole => role.beside_whole(is_beside_whole),
+        })
         .collect()
 }
 
@@ -133,22 +197,27 @@ fn without_gaps(surface: &RankedSurface, is_wanted: &[bool]) -> Vec<bool> {
 /// unwanted included.
 fn split_into_manifold(
     surface: &RankedSurface,
-    is_wanted: &[bool],
+    roles: &[TriangleRole],
     options: &ExportOptions,
 ) -> SurfacePatch {
     let triangles = &surface.triangles;
     let mut patch = SurfacePatch {
         triangles: triangles.clone(),
+        parts: roles.iter().map(TriangleRole::part).collect(),
         copies: vec![[0; 3]; triangles.len()],
         edges: (0..triangles.len() as u32)
             .map(|index| [3 * index, 3 * index + 1, 3 * index + 2])
             .collect(),
     };
+    let is_wanted = roles.iter().map(TriangleRole::is_exported);
     if !options.needs_neighbors() {
-        patch.keep(is_wanted);
+        patch.keep(&is_wanted.collect::<Vec<_>>());
         return patch;
     }
-    let connected = connect(surface, |index| is_wanted[index as usize]);
+    let mut connected = connect(surface, |index, edge| roles[index as usize].has_edge(edge));
+    if patch.parts.iter().any(Option::is_some) {
+        name_by_whole_triangles(surface, roles, &mut connected);
+    }
     patch.edges = connected.edges;
     if options.manifold {
         patch.copies = connected.fans;
@@ -162,12 +231,42 @@ fn split_into_manifold(
         .iter()
         .zip(is_wanted)
         .map(|(&component, is_wanted)| {
-            *is_wanted && sizes[component as usize] >= options.minimum_component
+            is_wanted && sizes[component as usize] >= options.minimum_component
         })
         .collect();
     drop((components, sizes));
     patch.keep(&is_kept);
     patch
+}
+
+/// Names fans and edges by their whole triangles alone; each has one. So names do not depend on corners that are not exported.
+fn name_by_whole_triangles(
+    surface: &RankedSurface,
+    roles: &[TriangleRole],
+    connected: &mut Connectivity,
+) {
+    let mut first = vec![u32::MAX; 3 * roles.len()];
+    for (index, role) in roles.iter().enumerate() {
+        for k in (0..3).filter(|_| *role == TriangleRole::Exported) {
+            let first = &mut first[connected.fans[index][k] as usize];
+            *first = (3 * index + k).min(*first as usize) as u32;
+        }
+    }
+    for fan in connected.fans.iter_mut().flatten() {
+        *fan = first[*fan as usize];
+    }
+    for (index, role) in roles.iter().enumerate() {
+        let Some(part) = role.part() else { continue };
+        for k in (0..3).filter(|k| part.edges[*k]) {
+            let other = surface.neighbors[index][k] as usize;
+            let end = surface.triangles[index][(k + 1) % 3];
+            let corner = surface.triangles[other].iter().position(|it| *it == end);
+            let corner = corner.expect("neighbours share the edge");
+            let name = (3 * other + corner) as u32;
+            connected.edges[index][k] = name;
+            connected.edges[other][corner] = name;
+        }
+    }
 }
 
 /// How the triangles of a surface are connected, and their corners around each vertex.
@@ -181,8 +280,9 @@ pub struct Connectivity {
     pub components: Vec<u32>,
 }
 
-/// Connects triangles with their neighbours: all of them to components, the wanted ones also to fans and edges.
-pub fn connect(surface: &RankedSurface, is_wanted: impl Fn(u32) -> bool) -> Connectivity {
+/// Connects triangles with their neighbours: all of them to components, where both have the edge between them also to fans and edges.
+/// `has_edge` says whether the edge that starts at a corner of a triangle is exported.
+pub fn connect(surface: &RankedSurface, has_edge: impl Fn(u32, usize) -> bool) -> Connectivity {
     let triangles = &surface.triangles;
     let mut components = Sets::new(triangles.len());
     let mut fans = Sets::new(3 * triangles.len());
@@ -197,13 +297,14 @@ pub fn connect(surface: &RankedSurface, is_wanted: impl Fn(u32) -> bool) -> Conn
                 continue;
             }
             components.unite(index, other);
-            if !(is_wanted(index) && is_wanted(other)) {
-                continue;
-            }
             let corner_of = |vertex: u32| {
                 let corner = triangles[other as usize].iter().position(|&v| v == vertex);
                 3 * other + corner.expect("neighbours share the edge") as u32
             };
+            // The neighbour has the edge in the other direction.
+            if !(has_edge(index, k) && has_edge(other, (corner_of(b) - 3 * other) as usize)) {
+                continue;
+            }
             let edge = &mut edges[index as usize][k];
             *edge = corner_of(b).min(*edge);
             for (corner, vertex) in [(k, a), ((k + 1) % 3, b)] {

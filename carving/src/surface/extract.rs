@@ -7,6 +7,8 @@ use crate::tetrahedralization::{CellId, Tetrahedralization, VertexId};
 use super::assemble::{NO_NEIGHBOR, RankedSurface, RankedTriangle, assemble};
 use super::delta::{Triangle, rotate_smallest_first};
 use super::facets::{Facets, triangle};
+use super::incremental::TriangleRole;
+use super::part::VertexOrigin;
 use super::repair::across;
 use crate::buckets::Buckets;
 
@@ -40,7 +42,7 @@ impl ExportOptions {
 /// Triangles with indexed vertices.
 ///
 /// Vertices are in lexicographic order of their coordinates (copies of one vertex in the order of their first
-/// triangles), after them come midpoints of edges that a repair had to split; triangles start at their smallest index
+/// triangles), after them points inside triangles of which a part is exported, then midpoints of edges that a repair had to split; triangles start at their smallest index
 /// and are sorted. Equal surfaces thus have equal meshes. There are no unused vertices.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -51,14 +53,13 @@ pub struct IndexedMesh {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Exports the triangles of the surface that satisfy `is_wanted`. Also returns for each vertex of the mesh the vertex that it
-/// copies, `None` for the midpoints of split edges.
+/// Exports the triangles of the surface by their roles. Also returns what each vertex of the mesh is.
 pub(crate) fn extract(
     tetrahedra: &Tetrahedralization,
     facets: &Facets,
     options: &ExportOptions,
-    is_wanted: impl Fn(Triangle) -> bool,
-) -> (IndexedMesh, Vec<Option<VertexId>>) {
+    role: impl Fn(&Triangle) -> TriangleRole,
+) -> (IndexedMesh, Vec<VertexOrigin<VertexId>>) {
     let facets_in_use: Vec<Chosen> = facets
         .iter()
         .map(|(cell, facet)| (triangle(tetrahedra, cell, facet), (cell, facet)))
@@ -94,8 +95,11 @@ pub(crate) fn extract(
         .iter()
         .map(|(a, ([b, c], index))| ([a, b, c], index))
         .unzip();
-    let is_wanted: Vec<bool> = (order.iter())
-        .map(|&index| is_wanted(facets_in_use[index as usize].0))
+    let roles: Vec<TriangleRole> = (order.iter().zip(&triangles))
+        .map(|(&index, triangle)| {
+            let corners = &facets_in_use[index as usize].0;
+            role(corners).rotated(first_ranked(corners, &rank, triangle))
+        })
         .collect();
     let neighbors = match options.needs_neighbors() {
         true => neighbors(
@@ -114,10 +118,10 @@ pub(crate) fn extract(
         triangles,
         neighbors,
     };
-    let (mesh, ranks) = assemble(&ranked, &is_wanted, options);
-    let origins = ranks
+    let (mesh, origins) = assemble(&ranked, &roles, options);
+    let origins = origins
         .into_iter()
-        .map(|rank| rank.map(|rank| vertices[rank as usize]))
+        .map(|origin| origin.map(|rank| vertices[rank as usize]))
         .collect();
     (mesh, origins)
 }
@@ -146,15 +150,23 @@ fn neighbors(
     };
     let of_triangle = |(triangle, &index): (&RankedTriangle, &u32)| {
         let (corners, at) = &chosen[index as usize];
-        // Corners begin with the smallest id, ranked triangles with the smallest rank.
-        let first = (0..3).find(|&k| rank(corners[k]) == triangle[0]);
-        let first = first.unwrap_or(0);
+        let first = first_ranked(corners, rank, triangle);
         std::array::from_fn(|k| {
             let (a, b) = (corners[(first + k) % 3], corners[(first + k + 1) % 3]);
             neighbor(*at, a, b).unwrap_or(NO_NEIGHBOR)
         })
     };
     triangles.iter().zip(order).map(of_triangle).collect()
+}
+
+/// Which corner is the first of the ranked triangle: corners begin with the smallest id, ranked triangles with the smallest rank.
+fn first_ranked(
+    corners: &Triangle,
+    rank: &impl Fn(VertexId) -> u32,
+    triangle: &RankedTriangle,
+) -> usize {
+    let first = (0..3).find(|&k| rank(corners[k]) == triangle[0]);
+    first.unwrap_or(0)
 }
 
 /// Whether no edge of a triangle is longer than `longest`.

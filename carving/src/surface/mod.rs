@@ -9,6 +9,7 @@ mod delta;
 mod extract;
 mod facets;
 mod incremental;
+mod part;
 mod repair;
 
 #[cfg(feature = "internals")]
@@ -26,6 +27,7 @@ pub use extract::{ExportOptions, IndexedMesh};
 pub(crate) use facets::{Facets, triangle};
 pub(crate) use incremental::Carved;
 pub use incremental::{ChangeLog, Face, IncrementalMesh, MeshChange, TriangleRole};
+pub use part::{TrianglePart, VertexOrigin};
 #[cfg(feature = "internals")]
 pub use repair::{across_where, is_surface_where};
 

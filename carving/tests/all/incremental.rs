@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use linecarve_carving::{
     Carver, CarverOptions, ChangeLog, CutOptions, ExportOptions, Face, Hull, IncrementalMesh,
-    Labels, MeshChange, PointId, SurfaceDelta, Transaction, Triangle, TriangleRole, ViewId, Votes,
+    Labels, MeshChange, PointId, SurfaceDelta, Transaction, Triangle, TrianglePart, TriangleRole,
+    VertexId, VertexOrigin, ViewId, Votes,
 };
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
@@ -20,6 +21,16 @@ fn position(rng: &mut ChaCha8Rng, is_grid: bool) -> Point3<f64> {
 
 fn center(rng: &mut ChaCha8Rng) -> Point3<f64> {
     Point3::from(std::array::from_fn(|_| rng.random_range(-1.0..6.0)))
+}
+
+/// A random part of a triangle.
+fn part(rng: &mut ChaCha8Rng) -> TrianglePart {
+    let mut edges = [true, false, rng.random()];
+    edges.rotate_left(rng.random_range(0..3));
+    TrianglePart {
+        weights: std::array::from_fn(|_| rng.random_range(1..9)),
+        edges,
+    }
 }
 
 /// Adds a random event; those that do not apply are left out.
@@ -160,7 +171,11 @@ impl Run {
             match self.roles.remove(triangle) {
                 Some(_) => {}
                 None => {
-                    self.roles.insert(*triangle, TriangleRole::Counted);
+                    let role = match rng.random_range(0..2) {
+                        0 => TriangleRole::Counted,
+                        _ => TriangleRole::Part(part(rng)),
+                    };
+                    self.roles.insert(*triangle, role);
                 }
             }
         }
@@ -175,26 +190,41 @@ impl Run {
     }
 
     fn check(&mut self) {
-        let is_wanted =
-            |triangle: Triangle| self.roles.get(&triangle).copied() != Some(TriangleRole::Counted);
-        let (expected, origins) = self.carver.mesh_where(&self.options, is_wanted);
+        let role = |triangle: &Triangle| {
+            let role = self.roles.get(triangle).copied();
+            role.unwrap_or(TriangleRole::Exported)
+        };
+        let (expected, origins) = self.carver.mesh_where(&self.options, role);
         let (mesh, numbers) = self.mesh.to_mesh();
         assert_eq!(mesh, expected);
         let found: Vec<_> = numbers
             .iter()
-            .map(|&number| self.mesh.origin(number))
+            .map(|&number| self.mesh.vertex_origin(number))
             .collect();
-        assert_eq!(found, origins);
+        assert_eq!(same_names(found), same_names(origins));
         let change = self.mesh.take_change();
         self.follower.follow(&self.mesh, &change);
         self.log.append(&change);
     }
 }
 
-/// How many meshes had a copied vertex, a split edge, and a triangle left out.
+/// Corners of triangles in an order of their own: they begin with any of them.
+fn same_names(mut origins: Vec<VertexOrigin<VertexId>>) -> Vec<VertexOrigin<VertexId>> {
+    for origin in &mut origins {
+        if let VertexOrigin::Inside { corners, part } = origin {
+            let first = (0..3).min_by_key(|k| corners[*k]).unwrap();
+            corners.rotate_left(first);
+            *part = part.rotated(first);
+        }
+    }
+    origins
+}
+
+/// How many meshes had a copied vertex, a split edge, a part of a triangle, and a triangle left out.
 #[derive(Default)]
 struct Cases {
     copies: usize,
+    parts: usize,
     splits: usize,
     left_out: usize,
 }
@@ -228,12 +258,14 @@ fn run(seed: u64, cases: &mut Cases) {
         let numbers = 0..run.mesh.vertex_capacity() as u32;
         let mut origins: Vec<_> = numbers
             .filter(|number| run.mesh.is_vertex(*number))
-            .map(|number| run.mesh.origin(number))
+            .map(|number| run.mesh.vertex_origin(number))
             .collect();
+        cases.splits += usize::from(origins.contains(&VertexOrigin::Middle));
+        let is_inside = |it: &VertexOrigin<_>| matches!(it, VertexOrigin::Inside { .. });
+        cases.parts += usize::from(origins.iter().any(is_inside));
+        origins.retain(|origin| origin.vertex().is_some());
         let count = origins.len();
-        cases.splits += usize::from(origins.contains(&None));
-        origins.retain(Option::is_some);
-        let distinct: BTreeSet<_> = origins.iter().flatten().collect();
+        let distinct: BTreeSet<_> = origins.iter().map(|origin| origin.vertex()).collect();
         cases.copies += usize::from(distinct.len() < count);
         cases.left_out += usize::from(run.mesh.face_count() < run.carver.triangle_count());
     }
@@ -260,5 +292,5 @@ fn an_incremental_mesh_equals_the_one_extracted_anew() {
     for seed in 0..count {
         run(seed, &mut cases);
     }
-    assert!(cases.copies > 0 && cases.splits > 0 && cases.left_out > 0);
+    assert!(cases.copies > 0 && cases.splits > 0 && cases.parts > 0 && cases.left_out > 0);
 }

@@ -1,10 +1,21 @@
 //! Exported meshes: repair, filters, parts of the surface.
 
-use linecarve_carving::{ExportOptions, Hull, IncidentCells, IndexedMesh, Triangle};
+use linecarve_carving::{
+    ExportOptions, Hull, IncidentCells, IndexedMesh, Triangle, TrianglePart, TriangleRole,
+    VertexId, VertexOrigin,
+};
 use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::helpers::carvings::random_carving;
+
+/// Exports the triangles that are wanted.
+fn only(is_wanted: impl Fn(Triangle) -> bool) -> impl Fn(&Triangle) -> TriangleRole {
+    move |triangle| match is_wanted(*triangle) {
+        true => TriangleRole::Exported,
+        false => TriangleRole::Counted,
+    }
+}
 
 /// Triangles by undirected edge.
 fn edges(mesh: &IndexedMesh) -> BTreeMap<(u32, u32), Vec<usize>> {
@@ -32,6 +43,39 @@ fn plain_and_repaired(seed: u64, is_hull_dropped: bool) -> [IndexedMesh; 2] {
             ..Default::default()
         })
     })
+}
+
+/// Every edge has at most two triangles, and every vertex one fan: its triangles hang together by edges at the vertex.
+fn assert_manifold(mesh: &IndexedMesh, seed: u64) {
+    let edges = edges(mesh);
+    for (edge, triangles) in &edges {
+        assert!(
+            triangles.len() <= 2,
+            "seed {seed}: {edge:?} has {triangles:?}"
+        );
+    }
+    let mut at_vertex: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for (index, t) in mesh.triangles.iter().enumerate() {
+        for &v in t {
+            at_vertex.entry(v).or_default().push(index);
+        }
+    }
+    assert_eq!(at_vertex.len(), mesh.vertices.len());
+    for (vertex, around) in at_vertex {
+        let mut reached = BTreeSet::from([around[0]]);
+        let mut queue = vec![around[0]];
+        while let Some(triangle) = queue.pop() {
+            for &other in &mesh.triangles[triangle] {
+                let key = (vertex.min(other), vertex.max(other));
+                for &next in edges.get(&key).into_iter().flatten() {
+                    if reached.insert(next) {
+                        queue.push(next);
+                    }
+                }
+            }
+        }
+        assert_eq!(reached.len(), around.len(), "seed {seed}: vertex {vertex}");
+    }
 }
 
 #[test]
@@ -66,38 +110,13 @@ fn repaired_meshes_are_manifold_and_cover_the_same_surface() {
             mesh.triangles.iter().map(one).sum()
         };
         assert!((area(&plain) - area(&repaired)).abs() < 1e-9 * area(&plain));
-        for (edge, triangles) in edges(&repaired) {
+        assert_manifold(&repaired, seed);
+        if !is_hull_dropped {
             assert!(
-                triangles.len() <= 2,
-                "seed {seed}: {edge:?} has {triangles:?}"
+                edges(&repaired)
+                    .values()
+                    .all(|triangles| triangles.len() == 2)
             );
-            if !is_hull_dropped {
-                assert_eq!(triangles.len(), 2);
-            }
-        }
-        // One fan per vertex: its triangles hang together by edges at the vertex.
-        let edges = edges(&repaired);
-        let mut at_vertex: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-        for (index, t) in repaired.triangles.iter().enumerate() {
-            for &v in t {
-                at_vertex.entry(v).or_default().push(index);
-            }
-        }
-        assert_eq!(at_vertex.len(), repaired.vertices.len());
-        for (vertex, around) in at_vertex {
-            let mut reached = BTreeSet::from([around[0]]);
-            let mut queue = vec![around[0]];
-            while let Some(triangle) = queue.pop() {
-                for &other in &repaired.triangles[triangle] {
-                    let key = (vertex.min(other), vertex.max(other));
-                    for &next in edges.get(&key).into_iter().flatten() {
-                        if reached.insert(next) {
-                            queue.push(next);
-                        }
-                    }
-                }
-            }
-            assert_eq!(reached.len(), around.len(), "seed {seed}: vertex {vertex}");
         }
     }
     assert!(split > 0, "no case needed repair");
@@ -202,23 +221,30 @@ fn the_unwanted_are_left_out_and_vertices_know_their_origin() {
                 manifold,
                 ..ExportOptions::default()
             };
-            let (mesh, origins) = carver.mesh_where(&options, is_wanted);
+            let (mesh, origins) = carver.mesh_where(&options, only(is_wanted));
             let wanted = carver.triangles().filter(|t| is_wanted(*t)).count();
             assert!(wanted > 0 && wanted < carver.triangle_count());
             // Splitting an edge makes two triangles of one.
             assert!(mesh.triangles.len() >= wanted && (manifold || mesh.triangles.len() == wanted));
             assert_eq!(origins.len(), mesh.vertices.len());
             for (position, origin) in mesh.vertices.iter().zip(&origins) {
-                match origin {
-                    Some(vertex) => assert_eq!(*position, carver.tetrahedra().position(*vertex)),
+                match origin.vertex() {
+                    Some(vertex) => assert_eq!(*position, carver.tetrahedra().position(vertex)),
                     None => assert!(manifold, "midpoints come from repair alone"),
                 }
             }
             assert_eq!(
-                carver.mesh_where(&options, |_| true).0,
+                carver.mesh_where(&options, only(|_| true)).0,
                 carver.mesh(&options)
             );
-            assert_eq!(carver.mesh_where(&options, |_| false).0.vertices.len(), 0);
+            assert_eq!(
+                carver
+                    .mesh_where(&options, only(|_| false))
+                    .0
+                    .vertices
+                    .len(),
+                0
+            );
         }
     }
 }
@@ -235,18 +261,90 @@ fn gaps_of_one_triangle_are_filled_and_larger_ones_are_not() {
     triangles.sort_unstable();
     let mut larger = 0;
     for gap in triangles.iter().take(60) {
-        assert_eq!(carver.mesh_where(&filled, |it| it != *gap).0, whole);
+        assert_eq!(carver.mesh_where(&filled, only(|it| it != *gap)).0, whole);
         let neighbor = |it: &&Triangle| it.iter().filter(|v| gap.contains(v)).count() == 2;
         // One of the neighbours, where each edge has two triangles.
         if let [neighbor, _, _] = triangles.iter().filter(neighbor).collect::<Vec<_>>()[..] {
             let is_wanted = |it: Triangle| it != *gap && it != *neighbor;
-            let left_out =
-                whole.triangles.len() - carver.mesh_where(&filled, is_wanted).0.triangles.len();
+            let left_out = whole.triangles.len()
+                - carver
+                    .mesh_where(&filled, only(is_wanted))
+                    .0
+                    .triangles
+                    .len();
             assert_eq!(left_out, 2);
             larger += 1;
         }
     }
     assert!(larger > 0);
+}
+
+#[test]
+fn parts_of_triangles_have_their_areas_and_stay_manifold() {
+    let mut parts = 0;
+    for seed in 0..20 {
+        let carver = random_carving(seed, Hull::Keep);
+        // Two edges of every third triangle, one of the next.
+        let part = |triangle: &Triangle| {
+            let kept = match triangle.iter().map(|v| v.index()).sum::<usize>() % 3 {
+                0 => [true, false, true],
+                1 => [false, true, false],
+                _ => return None,
+            };
+            let weights = [1, 3, 2];
+            Some(TrianglePart {
+                weights,
+                edges: kept,
+            })
+        };
+        let role = |it: &Triangle| part(it).map_or(TriangleRole::Exported, TriangleRole::Part);
+        let options = ExportOptions {
+            manifold: true,
+            ..ExportOptions::default()
+        };
+        let (mesh, origins) = carver.mesh_where(&options, role);
+        assert_manifold(&mesh, seed);
+        let area = |corners: [Point3<f64>; 3]| {
+            let [a, b, c] = corners;
+            0.5 * (b - a).cross(&(c - a)).norm()
+        };
+        let at = |vertices: [VertexId; 3]| vertices.map(|v| carver.tetrahedra().position(v));
+        let whole = carver
+            .triangles()
+            .filter(|triangle| part(triangle).is_none());
+        let mut expected: f64 = whole.map(|triangle| area(at(triangle))).sum();
+        let mut is_inside = vec![false; origins.len()];
+        for ((origin, position), is_inside) in
+            origins.iter().zip(&mesh.vertices).zip(&mut is_inside)
+        {
+            let VertexOrigin::Inside { corners, part } = *origin else {
+                continue;
+            };
+            *is_inside = true;
+            let positions = at(corners);
+            let weighted = |k: usize| positions[k].coords * f64::from(part.weights[k]) / 6.0;
+            let expected_position = weighted(0) + weighted(1) + weighted(2);
+            assert!((expected_position - position.coords).norm() < 1e-12);
+            // A part at an edge has the share of the weight of the corner off the edge.
+            let kept = (0..3).filter(|k| part.edges[*k]);
+            let shares = kept.map(|k| f64::from(part.weights[(k + 2) % 3]) / 6.0);
+            expected += area(positions) * shares.sum::<f64>();
+        }
+        let found: f64 = (mesh.triangles.iter())
+            .map(|triangle| area(triangle.map(|v| mesh.vertices[v as usize])))
+            .sum();
+        assert!((found - expected).abs() < 1e-9 * expected);
+        // Parts are attached to whole triangles.
+        let edges = edges(&mesh);
+        for triangle in &mesh.triangles {
+            if let Some(k) = (0..3).find(|k| is_inside[triangle[*k] as usize]) {
+                let [a, b] = [triangle[(k + 1) % 3], triangle[(k + 2) % 3]];
+                assert_eq!(edges[&(a.min(b), a.max(b))].len(), 2);
+                parts += 1;
+            }
+        }
+    }
+    assert!(parts > 100);
 }
 
 #[test]
@@ -257,11 +355,15 @@ fn what_is_left_of_a_large_component_may_be_small() {
         manifold: true,
         ..ExportOptions::default()
     };
-    let whole = carver.mesh_where(&options, |_| true).0.triangles.len();
+    let whole = carver
+        .mesh_where(&options, only(|_| true))
+        .0
+        .triangles
+        .len();
     let mut triangles: Vec<Triangle> = carver.triangles().collect();
     triangles.sort_unstable();
     let alone = triangles.iter().filter(|one| {
-        let (mesh, _) = carver.mesh_where(&options, |triangle| triangle == **one);
+        let (mesh, _) = carver.mesh_where(&options, only(|triangle| triangle == **one));
         !mesh.triangles.is_empty()
     });
     // Every triangle of a component that is large enough is written when it is the only one wanted.

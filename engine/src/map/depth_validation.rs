@@ -2,14 +2,15 @@
 //!
 //! Carving leaves two kinds of spurious triangles: those across an occlusion shadow, which no keyframe saw, and those of
 //! free tetrahedra that no ray crosses. Dense depth identifies both, as no keyframe measured a surface along them. The exported
-//! surface omits them.
+//! surface omits them, or the part of them along which no surface was measured.
 //!
 //! *Differs from the paper*, which exports every facet between free and occupied cells.
 
+mod parts;
 mod samples;
 
 use linecarve_carving::IncidentCells;
-use linecarve_carving::{SurfaceDelta, Triangle, VertexId, ViewId};
+use linecarve_carving::{SurfaceDelta, Triangle, TrianglePart, VertexId, ViewId};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::triangulation::SurfaceSamples;
 use nalgebra::{Isometry3, Point3};
@@ -43,6 +44,8 @@ struct DenseView {
 pub(super) enum FacetStatus {
     /// Keyframes measured the surface along it.
     Measured,
+    /// Keyframes measured the surface along a part of it.
+    PartlyMeasured(TrianglePart),
     /// Keyframes observe it and did not measure a surface along it.
     NotMeasured,
     /// No keyframe that observes it has dense depth.
@@ -58,13 +61,17 @@ struct FacetEvidence {
     contradicted: u32,
     /// Whether a view with dense depth observes a corner of the triangle.
     is_observed: bool,
+    /// The part that is measured, of a triangle that is not measured as a whole.
+    part: Option<TrianglePart>,
 }
 
 /// Depth evidence for each triangle of the surface. It depends on the surface, the observations, the depth and what keyframes were
 /// known to disagree about when it was found.
 pub(super) struct DepthValidation {
-    /// Least share of measured samples of a triangle that is exported.
+    /// Least share of measured samples of a triangle that is exported as a whole.
     least_share: f64,
+    /// Least area of the part of a triangle that is exported without the rest.
+    least_area: f64,
     camera: Camera,
     options: SurfacePointOptions,
     /// See [`KeyframeSurface::new`].
@@ -89,10 +96,11 @@ impl FacetEvidence {
     }
 
     fn status(&self, least_share: f64) -> FacetStatus {
-        match (self.is_observed, self.is_measured(least_share)) {
-            (false, _) => FacetStatus::Unobserved,
-            (true, true) => FacetStatus::Measured,
-            (true, false) => FacetStatus::NotMeasured,
+        match (self.is_observed, self.is_measured(least_share), self.part) {
+            (false, _, _) => FacetStatus::Unobserved,
+            (true, true, _) => FacetStatus::Measured,
+            (true, false, Some(part)) => FacetStatus::PartlyMeasured(part),
+            (true, false, None) => FacetStatus::NotMeasured,
         }
     }
 
@@ -103,10 +111,17 @@ impl FacetEvidence {
 }
 
 impl DepthValidation {
-    /// No keyframe yet. A triangle is exported when at least `least_share` of it is measured; with 0 all are.
-    pub(super) fn new(least_share: f64, camera: &Camera, options: &SurfacePointOptions) -> Self {
+    /// No keyframe yet. A triangle is exported when at least `least_share` of it is measured; with 0 all are. Samples of keyframes are
+    /// `spacing` apart: smaller parts of triangles than those between three of them are not exported.
+    pub(super) fn new(
+        least_share: f64,
+        spacing: f64,
+        camera: &Camera,
+        options: &SurfacePointOptions,
+    ) -> Self {
         Self {
             least_share,
+            least_area: 0.5 * spacing * spacing,
             camera: camera.clone(),
             options: *options,
             disagreement: 0.0,
@@ -312,7 +327,7 @@ impl DepthValidation {
         triangles: Vec<(Triangle, Option<FacetEvidence>)>,
         last: u32,
     ) {
-        let least_share = self.least_share;
+        let (least_share, least_area) = (self.least_share, self.least_area);
         let updated: Vec<(Triangle, UpdatedEvidence)> = triangles
             .into_par_iter()
             .map_init(Vec::new, |views, (triangle, known)| {
@@ -334,6 +349,10 @@ impl DepthValidation {
                         break;
                     }
                 }
+                let is_whole = evidence.is_measured(least_share);
+                evidence.part = (!is_whole)
+                    .then(|| samples.measured_part(&evidence, least_area))
+                    .flatten();
                 let status = evidence.status(least_share);
                 let is_changed = known.is_none_or(|known| known.status(least_share) != status);
                 let updated = UpdatedEvidence {

@@ -1,11 +1,11 @@
 //! The surface of a map as it is exported.
 
 use linecarve_carving::internals::RankedSurface;
-use linecarve_carving::{ExportOptions, VertexId};
+use linecarve_carving::{ExportOptions, TriangleRole, VertexId, VertexOrigin};
 use linecarve_mesh::{TriangleMesh, close_holes};
 
 use super::lines::VertexColors;
-use super::surface::DEFAULT_COLOR;
+use super::surface::{DEFAULT_COLOR, color_of};
 use super::{Contents, Map};
 use crate::options::{HoleFilling, Options};
 
@@ -59,7 +59,9 @@ impl Map {
 
     /// The current surface of a map of points, made anew from the carver.
     fn extract_surface(&self) -> TriangleMesh {
-        let (mesh, _) = self.carver.mesh_where(&self.export_options(), |_| true);
+        let (mesh, _) = self
+            .carver
+            .mesh_where(&self.export_options(), |_| TriangleRole::Exported);
         TriangleMesh {
             positions: mesh.vertices,
             triangles: mesh.triangles,
@@ -73,13 +75,13 @@ impl Map {
     }
 }
 
-/// Colours of exported vertices, by the vertices that they copy; `None` when none has a colour.
+/// Colours of exported vertices; `None` when none has a colour.
 pub(super) fn observed_colors(
     observed: &VertexColors<'_>,
-    origins: impl Iterator<Item = Option<VertexId>>,
+    origins: &[VertexOrigin<VertexId>],
 ) -> Option<Vec<[u8; 3]>> {
-    let colors = origins.map(|vertex| observed.get(vertex?));
-    let colors: Vec<Option<[u8; 3]>> = colors.collect();
+    let color = |origin: &VertexOrigin<VertexId>| color_of(*origin, |vertex| observed.get(vertex));
+    let colors: Vec<Option<[u8; 3]>> = origins.iter().map(color).collect();
     let has_any = colors.iter().any(Option::is_some);
     let color = |color: Option<[u8; 3]>| color.unwrap_or(DEFAULT_COLOR);
     has_any.then(|| colors.into_iter().map(color).collect())

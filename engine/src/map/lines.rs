@@ -87,6 +87,7 @@ impl LineMap {
             vertices: VertexLandmarks::default(),
             validation: DepthValidation::new(
                 options.surface.least_measured_share,
+                spacing,
                 camera,
                 &options.surface_points,
             ),
@@ -304,6 +305,7 @@ impl LineMap {
     ) -> TriangleRole {
         let is_exported = match self.validation.status(triangle) {
             FacetStatus::Measured => true,
+            FacetStatus::PartlyMeasured(part) => return TriangleRole::Part(part),
             FacetStatus::NotMeasured => false,
             FacetStatus::Unobserved => {
                 !self.needs_depth

@@ -70,19 +70,33 @@ impl<'a> ComponentSearch<'a> {
         }
     }
 
-    /// Decides whether a triangle is left out between three that are exported. Appends it if that was otherwise before.
-    pub(super) fn settle_gap(&mut self, located: &Located, changed: &mut Vec<Triangle>) {
+    /// Decides what the neighbours of a triangle make of it: whether it is a gap between whole ones, and which edges its part has. Appends
+    /// it if that was otherwise before.
+    pub(super) fn settle_joints(
+        &mut self,
+        located: &Located,
+        fills_gaps: bool,
+        changed: &mut Vec<Triangle>,
+    ) {
         let role = |triangle: &Triangle| self.records.get(triangle).map(|record| record.role);
-        let is_exported = |k| {
-            let other = self.carved.across(located, k);
+        let is_left_out = matches!(
+            role(&located.corners),
+            Some(TriangleRole::Counted | TriangleRole::Part(_))
+        );
+        let is_beside_whole = [0, 1, 2].map(|k| {
+            let other = is_left_out
+                .then(|| self.carved.across(located, k))
+                .flatten();
             other.is_some_and(|it| role(&it.corners) == Some(TriangleRole::Exported))
-        };
-        let is_gap =
-            role(&located.corners) == Some(TriangleRole::Counted) && (0..3).all(is_exported);
-        if let Some(record) = self.records.get_mut(&located.corners)
-            && std::mem::replace(&mut record.is_gap, is_gap) != is_gap
-        {
-            changed.push(located.corners);
+        });
+        let is_gap = fills_gaps && is_beside_whole == [true; 3];
+        if let Some(record) = self.records.get_mut(&located.corners) {
+            let before = std::mem::replace(&mut record.is_gap, is_gap);
+            let edges = std::mem::replace(&mut record.is_beside_whole, is_beside_whole);
+            let is_part = record.role.part().is_some();
+            if before != is_gap || (is_part && edges != is_beside_whole) {
+                changed.push(located.corners);
+            }
         }
     }
 

@@ -1,10 +1,12 @@
 //! An incremental mesh in the order of extraction.
 
+use std::cmp::Ordering;
+
 use rustc_hash::FxHashMap;
 
 use super::super::delta::{Triangle, rotate_smallest_first};
 use super::super::extract::IndexedMesh;
-use super::{IncrementalMesh, NONE};
+use super::{IncrementalMesh, NONE, Record, TriangleRole};
 use crate::tetrahedralization::VertexId;
 
 impl IncrementalMesh {
@@ -19,6 +21,10 @@ impl IncrementalMesh {
         let mut index = vec![NONE; self.vertex_capacity()];
         for (at, &number) in (0..).zip(&order) {
             index[number as usize] = at;
+        }
+        for number in self.points_in_order() {
+            index[number as usize] = order.len() as u32;
+            order.push(number);
         }
         for number in self.midpoints_in_order(&index) {
             index[number as usize] = order.len() as u32;
@@ -43,20 +49,14 @@ impl IncrementalMesh {
         let mut order: Vec<u32> = numbers
             .filter(|&number| self.is_vertex(number) && self.origin(number).is_some())
             .collect();
-        let by_position = |a: &u32, b: &u32| {
-            let (a, b) = (self.position(*a), self.position(*b));
-            (0..3)
-                .map(|k| a[k].total_cmp(&b[k]))
-                .fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
-        };
-        order.sort_unstable_by(by_position);
+        order.sort_unstable_by(|a, b| self.by_position(*a, *b));
         let copied = |a: &u32, b: &u32| self.origin(*a) == self.origin(*b);
         if order.chunk_by(copied).all(|copies| copies.len() == 1) {
             return order;
         }
         let rank = self.ranks(&order);
         let mut first: FxHashMap<u32, [u32; 3]> = FxHashMap::default();
-        for (triangle, record) in &self.records {
+        for (triangle, record) in self.whole_triangles() {
             let key =
                 rotate_smallest_first(triangle.map(|v| rank.get(&v).copied().unwrap_or(NONE)));
             for corner in record.corners.into_iter().filter(|corner| *corner != NONE) {
@@ -70,6 +70,12 @@ impl IncrementalMesh {
         order
     }
 
+    /// The triangles that are exported as a whole: all their corners have vertices.
+    fn whole_triangles(&self) -> impl Iterator<Item = (&Triangle, &Record)> {
+        let records = self.records.iter();
+        records.filter(|(_, record)| record.exported() == TriangleRole::Exported)
+    }
+
     /// The place of each vertex of the tetrahedralisation in the order of positions.
     fn ranks(&self, order: &[u32]) -> FxHashMap<VertexId, u32> {
         let origins = (0..).zip(order);
@@ -78,11 +84,27 @@ impl IncrementalMesh {
             .collect()
     }
 
+    /// The numbers of vertices inside triangles, by position.
+    fn points_in_order(&self) -> Vec<u32> {
+        let mut order: Vec<u32> = self.inside.keys().copied().collect();
+        order.sort_unstable_by(|a, b| self.by_position(*a, *b));
+        order
+    }
+
+    /// The lexicographic order of two positions.
+    fn by_position(&self, a: u32, b: u32) -> Ordering {
+        let (a, b) = (self.position(a), self.position(b));
+        let orders = a.iter().zip(b.iter()).map(|(a, b)| a.total_cmp(b));
+        orders.fold(Ordering::Equal, Ordering::then)
+    }
+
     /// The numbers of midpoints, by the ends of their edges, then by the first triangles at them.
     fn midpoints_in_order(&self, index: &[u32]) -> Vec<u32> {
         let mut found: FxHashMap<u32, ([u32; 2], [u32; 3])> = FxHashMap::default();
         for (triangle, split) in &self.splits {
-            let Some(record) = self.records.get(triangle) else {
+            // An edge has a whole triangle on one side at least.
+            let record = self.records.get(triangle);
+            let Some(record) = record.filter(|it| it.exported() == TriangleRole::Exported) else {
                 continue;
             };
             let corners = record.corners.map(|number| index[number as usize]);

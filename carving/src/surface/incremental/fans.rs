@@ -11,10 +11,16 @@ impl Update<'_> {
     pub(super) fn settle_fans(&mut self, vertex: VertexId) {
         let mut around = std::mem::take(&mut self.around);
         self.surroundings.list(self.carved, vertex, &mut around);
-        let records = &self.mesh.records;
+        let records = &mut self.mesh.records;
         around.retain(|located| {
-            let record = records.get(&located.corners);
-            record.is_some_and(|record| record.is_exported())
+            records.get_mut(&located.corners).is_some_and(|record| {
+                let corner = corner_at(located, vertex);
+                let has_corner = record.exported().has_corner(corner);
+                if !has_corner {
+                    record.corners[corner] = NONE;
+                }
+                has_corner
+            })
         });
         let mut fans = std::mem::take(&mut self.fans);
         fans.clear();
@@ -34,8 +40,15 @@ impl Update<'_> {
         let mut has_partner = vec![false; around.len()];
         for (index, located) in around.iter().enumerate() {
             let k = corner_at(located, vertex);
+            if !self.has_edge(located, k) {
+                continue;
+            }
             let partner = self.carved.across(located, k);
             let partner = partner.and_then(|partner| around.iter().position(|it| *it == partner));
+            let partner = partner.filter(|partner| {
+                let partner = &around[*partner];
+                self.has_edge(partner, (corner_at(partner, vertex) + 2) % 3)
+            });
             let other = partner.map(|partner| {
                 has_partner[partner] = true;
                 let (low, high) = (
@@ -58,12 +71,21 @@ impl Update<'_> {
         }
         // Border edges that end at the vertex.
         for (located, _) in around.iter().zip(has_partner).filter(|(_, has)| !has) {
-            self.edges.push(EdgeGroup {
-                at: vertex,
-                one: (located.corners, (corner_at(located, vertex) + 2) % 3),
-                other: None,
-            });
+            let edge = (corner_at(located, vertex) + 2) % 3;
+            if self.has_edge(located, edge) {
+                self.edges.push(EdgeGroup {
+                    at: vertex,
+                    one: (located.corners, edge),
+                    other: None,
+                });
+            }
         }
+    }
+
+    /// Whether the edge that starts at a corner of a triangle is exported.
+    fn has_edge(&self, located: &Located, edge: usize) -> bool {
+        let record = self.mesh.records.get(&located.corners);
+        record.is_some_and(|record| record.exported().has_edge(edge))
     }
 
     /// Chooses a mesh vertex for each fan: one that a triangle of the fan had, else one that no fan needs any more, else a new

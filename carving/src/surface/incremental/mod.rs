@@ -21,6 +21,7 @@ use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::delta::Triangle;
 use super::extract::ExportOptions;
+use super::part::{TrianglePart, VertexOrigin};
 use crate::tetrahedralization::VertexId;
 use faces::Faces;
 use splits::Split;
@@ -43,6 +44,51 @@ pub enum TriangleRole {
     Counted,
     /// It is exported when its component is large enough.
     Exported,
+    /// A part of it is exported, when its component is large enough; all of it where it fills a [gap](ExportOptions::fill_gaps).
+    Part(TrianglePart),
+}
+
+impl TriangleRole {
+    /// Whether some of the triangle is exported.
+    pub(super) fn is_exported(&self) -> bool {
+        matches!(self, Self::Exported | Self::Part(_))
+    }
+
+    /// What is exported of the triangle, if not all or nothing.
+    pub(super) fn part(&self) -> Option<TrianglePart> {
+        match self {
+            Self::Part(part) => Some(*part),
+            Self::Ignored | Self::Counted | Self::Exported => None,
+        }
+    }
+
+    /// Whether the edge that starts at a corner is exported.
+    pub(super) fn has_edge(&self, edge: usize) -> bool {
+        self.is_exported() && self.part().is_none_or(|part| part.edges[edge])
+    }
+
+    /// Whether a corner is exported.
+    fn has_corner(&self, corner: usize) -> bool {
+        self.is_exported() && self.part().is_none_or(|part| part.has_corner(corner))
+    }
+
+    /// The role where these neighbours are exported as a whole.
+    pub(super) fn beside_whole(self, is_beside_whole: [bool; 3]) -> Self {
+        let Self::Part(part) = self else {
+            return self;
+        };
+        let part = part.beside(|k| is_beside_whole[k]);
+        part.map_or(Self::Counted, Self::Part)
+    }
+
+    /// The same role of the triangle whose corners begin with what was corner `first`.
+    #[must_use]
+    pub fn rotated(self, first: usize) -> Self {
+        match self {
+            Self::Part(part) => Self::Part(part.rotated(first)),
+            other => other,
+        }
+    }
 }
 
 /// What is known about a triangle of the carved surface.
@@ -53,7 +99,9 @@ struct Record {
     is_large: bool,
     /// Whether it is left out, and the triangles across its edges are not.
     is_gap: bool,
-    /// The mesh vertex at each corner; [`NONE`] when it is not exported.
+    /// Whether the triangle across each edge is exported as a whole; known of those that are not.
+    is_beside_whole: [bool; 3],
+    /// The mesh vertex at each corner; [`NONE`] where it is not exported.
     corners: [u32; 3],
     /// Its face; [`NONE`] when it is not exported or split.
     face: u32,
@@ -65,6 +113,7 @@ impl Default for Record {
             role: TriangleRole::Ignored,
             is_large: false,
             is_gap: false,
+            is_beside_whole: [false; 3],
             corners: [NONE; 3],
             face: NONE,
         }
@@ -72,8 +121,13 @@ impl Default for Record {
 }
 
 impl Record {
-    fn is_exported(&self) -> bool {
-        (self.role == TriangleRole::Exported || self.is_gap) && self.is_large
+    /// What is exported of it: what its role, its neighbours and its component make of it.
+    fn exported(&self) -> TriangleRole {
+        match self.role {
+            _ if !self.is_large => TriangleRole::Counted,
+            _ if self.is_gap => TriangleRole::Exported,
+            role => role.beside_whole(self.is_beside_whole),
+        }
     }
 }
 
@@ -92,12 +146,16 @@ pub struct IncrementalMesh {
     minimum_component: usize,
     manifold: bool,
     fills_gaps: bool,
+    /// Whether what is exported of a triangle depends on its neighbours.
+    joins: bool,
     /// All triangles of the carved surface.
     records: FxHashMap<Triangle, Record>,
     vertices: MeshVertices,
     faces: Faces,
-    /// Triangles with a split edge.
+    /// Triangles with a split edge, and those of which a part is exported.
     splits: FxHashMap<Triangle, Split>,
+    /// The triangle around each vertex that lies inside one.
+    inside: FxHashMap<u32, Triangle>,
     /// Triangles with an edge of which another has the same ends; some of them had one once.
     repeated: FxHashSet<Triangle>,
     log: ChangeLog,
@@ -110,6 +168,7 @@ impl IncrementalMesh {
             minimum_component: options.minimum_component,
             manifold: options.manifold,
             fills_gaps: options.fill_gaps,
+            joins: options.needs_neighbors(),
             ..Self::default()
         }
     }
@@ -138,13 +197,33 @@ impl IncrementalMesh {
         *self.vertices.position(number)
     }
 
-    /// The vertex of the tetrahedralisation at a vertex; `None` for the midpoint of a split edge.
+    /// The vertex of the tetrahedralisation at a vertex; `None` for the midpoint of a split edge and inside a triangle.
     ///
     /// # Panics
     ///
     /// For numbers that were never given out.
     pub fn origin(&self, number: u32) -> Option<VertexId> {
         self.vertices.origin(number)
+    }
+
+    /// What a vertex is.
+    ///
+    /// # Panics
+    ///
+    /// For numbers that were never given out.
+    pub fn vertex_origin(&self, number: u32) -> VertexOrigin<VertexId> {
+        let inside = || {
+            let corners = self.inside.get(&number)?;
+            let part = self.records.get(corners)?.exported().part()?;
+            Some(VertexOrigin::Inside {
+                corners: *corners,
+                part,
+            })
+        };
+        match self.origin(number) {
+            Some(vertex) => VertexOrigin::Vertex(vertex),
+            None => inside().unwrap_or(VertexOrigin::Middle),
+        }
     }
 
     /// The vertices at a vertex of the tetrahedralisation: one for each fan of the surface.

@@ -4,19 +4,80 @@ use std::cmp::Ordering;
 
 use nalgebra::{Point3, center};
 
+use super::super::assemble::cut_at_midpoints;
 use super::super::delta::{Triangle, rotate_smallest_first};
-use super::NONE;
+use super::super::part::TrianglePart;
 use super::update::Update;
+use super::{NONE, TriangleRole};
 use crate::tetrahedralization::{Tetrahedralization, VertexId};
 
-/// A triangle with a split edge.
+/// A triangle that is exported as several faces: one with a split edge, or of which a part is exported.
 #[derive(Clone, Debug)]
 pub(super) struct Split {
     /// The vertex at the middle of each edge, [`NONE`] for those that are whole.
     pub(super) midpoints: [u32; 3],
+    /// The vertex inside it, [`NONE`] where all of it is exported.
+    pub(super) inside: u32,
     /// The corner that was at the smallest position when the faces were made.
     pub(super) first: usize,
     pub(super) faces: Vec<u32>,
+}
+
+impl Default for Split {
+    fn default() -> Self {
+        Self {
+            midpoints: [NONE; 3],
+            inside: NONE,
+            first: 0,
+            faces: Vec::new(),
+        }
+    }
+}
+
+impl Split {
+    /// Whether there is a vertex inside the triangle.
+    pub(super) fn has_point(&self) -> bool {
+        self.inside != NONE
+    }
+
+    pub(super) fn without_faces(&self) -> Self {
+        Self {
+            faces: Vec::new(),
+            ..*self
+        }
+    }
+
+    /// Appends the faces of a triangle with these mesh vertices at its corners.
+    pub(super) fn append_pieces(
+        &mut self,
+        tetrahedra: &Tetrahedralization,
+        triangle: &Triangle,
+        corners: [u32; 3],
+        part: Option<TrianglePart>,
+        pieces: &mut Vec<[u32; 3]>,
+    ) {
+        let middle = |number: u32| (number != NONE).then_some(number);
+        let Some(part) = part else {
+            cut_at_midpoints(corners, self.midpoints.map(middle), self.first, pieces);
+            return;
+        };
+        let position = |k: usize| tetrahedra.coordinates(triangle[k]).map(Ordered);
+        for k in 0..3 {
+            if !part.edges[k] {
+                self.midpoints[k] = NONE;
+                continue;
+            }
+            let to = (k + 1) % 3;
+            let first = usize::from(position(to) < position(k));
+            let piece = [corners[k], corners[to], self.inside];
+            cut_at_midpoints(
+                piece,
+                [middle(self.midpoints[k]), None, None],
+                first,
+                pieces,
+            );
+        }
+    }
 }
 
 /// An edge of the surface at a vertex: the triangle on one side, and that on the other side.
@@ -62,9 +123,13 @@ impl Update<'_> {
         let tetrahedra = self.carved.tetrahedra;
         for same in keyed.chunk_by_mut(|(a, _), (b, _)| a == b) {
             if same.len() > 1 {
+                let is_whole = |triangle: &Triangle| {
+                    let record = self.mesh.records.get(triangle);
+                    record.is_some_and(|record| record.exported() == TriangleRole::Exported)
+                };
                 same.sort_by(|(_, a), (_, b)| {
-                    first_of(tetrahedra, a)
-                        .partial_cmp(&first_of(tetrahedra, b))
+                    first_of(tetrahedra, a, is_whole)
+                        .partial_cmp(&first_of(tetrahedra, b, is_whole))
                         .unwrap_or(Ordering::Equal)
                 });
             }
@@ -109,11 +174,7 @@ impl Update<'_> {
         };
         self.taken.insert(number);
         for (triangle, k) in edge.sides() {
-            let split = self.mesh.splits.entry(triangle).or_insert_with(|| Split {
-                midpoints: [NONE; 3],
-                first: 0,
-                faces: Vec::new(),
-            });
+            let split = self.mesh.splits.entry(triangle).or_default();
             let is_new = std::mem::replace(&mut split.midpoints[k], number) != number;
             if is_new || split.first != first_corner(tetrahedra, &triangle) {
                 self.stale.push(triangle);
@@ -123,7 +184,8 @@ impl Update<'_> {
         }
     }
 
-    fn add_midpoint(&mut self, middle: Point3<f64>) -> u32 {
+    /// Adds a vertex that copies none.
+    pub(super) fn add_midpoint(&mut self, middle: Point3<f64>) -> u32 {
         let number = self.mesh.vertices.add(middle, None);
         self.mesh.log.place(number);
         number
@@ -136,13 +198,18 @@ pub(super) fn first_corner(tetrahedra: &Tetrahedralization, triangle: &Triangle)
     (0..3).min_by_key(position).unwrap_or(0)
 }
 
-/// The positions of the first triangle at an edge in the order of extraction.
-fn first_of(tetrahedra: &Tetrahedralization, edge: &EdgeGroup) -> [[Ordered; 3]; 3] {
-    let positions = edge.sides().map(|(triangle, _)| {
+/// The positions of the first whole triangle at an edge in the order of extraction.
+fn first_of(
+    tetrahedra: &Tetrahedralization,
+    edge: &EdgeGroup,
+    is_whole: impl Fn(&Triangle) -> bool,
+) -> [[Ordered; 3]; 3] {
+    let whole = edge.sides().filter(|(triangle, _)| is_whole(triangle));
+    let positions = whole.map(|(triangle, _)| {
         rotate_smallest_first(triangle.map(|v| tetrahedra.coordinates(v).map(Ordered)))
     });
     let first = positions.min();
-    first.expect("an edge has a triangle on one side at least")
+    first.expect("an edge has a whole triangle on one side at least")
 }
 
 /// A coordinate, totally ordered.

@@ -3,12 +3,12 @@
 use nalgebra::Point3;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use super::super::assemble::cut_at_midpoints;
 use super::super::delta::{SurfaceDelta, Triangle};
+use super::super::part::TrianglePart;
 use super::components::ComponentSearch;
 use super::locate::{Carved, Located};
 use super::splits::EdgeGroup;
-use super::splits::first_corner;
+use super::splits::{Split, first_corner};
 use super::surroundings::Surroundings;
 use super::{IncrementalMesh, NONE, Record, TriangleRole};
 use crate::tetrahedralization::VertexId;
@@ -147,7 +147,7 @@ impl<'a> Update<'a> {
     ) -> Vec<Triangle> {
         candidates.sort_unstable();
         candidates.dedup();
-        let fills_gaps = self.mesh.fills_gaps;
+        let joins = self.mesh.joins;
         let dirty = &mut self.dirty;
         let records = &mut self.mesh.records;
         candidates.retain(|triangle| {
@@ -157,7 +157,7 @@ impl<'a> Update<'a> {
             let now = role(triangle);
             let before = std::mem::replace(&mut record.role, now);
             let is_counted = |role| role != TriangleRole::Ignored;
-            if is_counted(before) != is_counted(now) || (fills_gaps && before != now) {
+            if is_counted(before) != is_counted(now) || (joins && before != now) {
                 dirty.extend(triangle);
             }
             before != now
@@ -169,14 +169,15 @@ impl<'a> Update<'a> {
     fn settle_components(&mut self, changed: &mut Vec<Triangle>) {
         let dirty = self.sort_dirty();
         let (minimum, fills_gaps) = (self.mesh.minimum_component, self.mesh.fills_gaps);
+        let joins = self.mesh.joins;
         let mut search = ComponentSearch::new(self.carved, minimum, &mut self.mesh.records);
         for vertex in dirty {
             let around = &mut self.around;
             self.surroundings.list(self.carved, vertex, around);
             for located in around {
                 search.settle(*located, changed);
-                if fills_gaps {
-                    search.settle_gap(located, changed);
+                if joins {
+                    search.settle_joints(located, fills_gaps, changed);
                 }
             }
         }
@@ -191,7 +192,9 @@ impl<'a> Update<'a> {
             let Some(record) = self.mesh.records.get_mut(&triangle) else {
                 continue;
             };
-            if !record.is_exported() {
+            if record.exported().is_exported() {
+                self.stale.push(triangle);
+            } else {
                 record.corners = [NONE; 3];
                 let face = std::mem::replace(&mut record.face, NONE);
                 self.remove_faces(&triangle, face);
@@ -242,12 +245,30 @@ impl<'a> Update<'a> {
             for &copy in &copies {
                 self.place(copy, position);
             }
-            if self.placed.len() > before {
+            let is_placed = self.placed.len() > before;
+            if is_placed || !self.mesh.inside.is_empty() {
                 self.surroundings.list(self.carved, vertex, &mut around);
-                self.reshaped.extend(around.iter().map(|it| it.corners));
+                let corners = || around.iter().map(|it| it.corners);
+                self.reshaped.extend(corners().filter(|_| is_placed));
+                // The points inside triangles move with all their corners.
+                let splits = &self.mesh.splits;
+                let has_point = |it: &Triangle| splits.get(it).is_some_and(Split::has_point);
+                self.stale.extend(corners().filter(has_point));
             }
         }
         self.around = around;
+    }
+
+    /// Moves the vertex inside a triangle of which a part is exported, or makes it if there is none yet; returns its number.
+    fn place_inside(&mut self, triangle: &Triangle, part: &TrianglePart, known: u32) -> u32 {
+        let position = part.point(&triangle.map(|v| self.carved.tetrahedra.position(v)));
+        if known == NONE {
+            let number = self.add_midpoint(position);
+            self.mesh.inside.insert(number, *triangle);
+            return number;
+        }
+        self.place(known, position);
+        known
     }
 
     /// Makes the faces of stale triangles anew.
@@ -262,24 +283,28 @@ impl<'a> Update<'a> {
             let Some(record) = self.mesh.records.get_mut(&triangle) else {
                 continue;
             };
-            if record.corners.contains(&NONE) {
+            let exported = record.exported();
+            if !exported.is_exported() {
                 continue;
             }
-            let corners = record.corners;
+            let (corners, part) = (record.corners, exported.part());
             let old = std::mem::replace(&mut record.face, NONE);
-            let midpoints = (self.mesh.splits.get(&triangle)).map(|split| split.midpoints);
+            let split = self.mesh.splits.get(&triangle);
+            let mut split = split.map_or_else(Split::default, Split::without_faces);
             self.remove_faces(&triangle, old);
-            let middle = midpoints.unwrap_or([NONE; 3]);
-            let middle = middle.map(|number| (number != NONE).then_some(number));
-            let first = first_corner(self.carved.tetrahedra, &triangle);
-            cut_at_midpoints(corners, middle, first, &mut pieces);
-            if let Some(midpoints) = midpoints.filter(|it| *it != [NONE; 3]) {
-                let faces = Vec::new();
-                let split = super::Split {
-                    midpoints,
-                    first,
-                    faces,
-                };
+            split.first = first_corner(self.carved.tetrahedra, &triangle);
+            split.inside = match part {
+                Some(part) => self.place_inside(&triangle, &part, split.inside),
+                None => NONE,
+            };
+            split.append_pieces(
+                self.carved.tetrahedra,
+                &triangle,
+                corners,
+                part,
+                &mut pieces,
+            );
+            if split.midpoints != [NONE; 3] || split.inside != NONE {
                 self.mesh.splits.insert(triangle, split);
             }
             fresh.push((triangle, pieces.len()));
@@ -323,6 +348,7 @@ impl<'a> Update<'a> {
         unused.dedup();
         for number in unused {
             if !self.mesh.vertices.is_vertex(number) {
+                self.mesh.inside.remove(&number);
                 self.mesh.vertices.free(number);
                 self.mesh.log.free(number);
             }

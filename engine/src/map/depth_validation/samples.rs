@@ -2,8 +2,10 @@
 
 use std::cmp::Ordering;
 
+use linecarve_carving::TrianglePart;
 use nalgebra::{Point3, Vector3};
 
+use super::parts::best_part;
 use super::{FacetEvidence, SAMPLE_COUNT, SUBDIVISIONS};
 use crate::map::surface_points::KeyframeSurface;
 
@@ -17,6 +19,9 @@ pub(super) struct Samples {
     points: [Point3<f64>; SAMPLE_COUNT as usize],
     /// Normal towards free space; zero for a triangle without area.
     normal: Vector3<f64>,
+    area: f64,
+    /// Which corner of the triangle the samples begin with.
+    first: usize,
 }
 
 impl Samples {
@@ -29,7 +34,8 @@ impl Samples {
                 .unwrap_or(Ordering::Equal)
         };
         let first = (0..3).min_by(|a, b| order(&corners[*a], &corners[*b]));
-        corners.rotate_left(first.unwrap_or(0));
+        let first = first.unwrap_or(0);
+        corners.rotate_left(first);
         let share = |index: u32| (f64::from(index) + 1.0 / 3.0) / f64::from(SUBDIVISIONS);
         let mut points = [Point3::origin(); SAMPLE_COUNT as usize];
         let pairs = (0..SUBDIVISIONS).flat_map(|i| (0..SUBDIVISIONS - i).map(move |j| (i, j)));
@@ -42,7 +48,26 @@ impl Samples {
         Self {
             points,
             normal: normal.try_normalize(0.0).unwrap_or_default(),
+            area: 0.5 * normal.norm(),
+            first,
         }
+    }
+
+    /// The part of the triangle along which a surface was measured, if it has at least that area.
+    pub(super) fn measured_part(
+        &self,
+        evidence: &FacetEvidence,
+        least_area: f64,
+    ) -> Option<TrianglePart> {
+        let (part, gain) = best_part(evidence)?;
+        let measured = f64::from(gain) / f64::from(SAMPLE_COUNT) * self.area;
+        (measured >= least_area).then(|| part.rotated((3 - self.first) % 3))
+    }
+
+    /// The points.
+    #[cfg(test)]
+    pub(super) fn points(&self) -> &[Point3<f64>] {
+        &self.points
     }
 
     /// Adds the evidence of one view.

@@ -55,7 +55,7 @@ impl Room {
             carver,
             points,
             vertices: VertexLandmarks::default(),
-            validation: DepthValidation::new(0.3, &camera, &SurfacePointOptions::default()),
+            validation: DepthValidation::new(0.3, 0.02, &camera, &SurfacePointOptions::default()),
             stray,
         }
     }

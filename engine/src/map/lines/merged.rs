@@ -1,7 +1,9 @@
 //! The surface of a map whose carving was left to others, as its tiles.
 
 use linecarve_carving::internals::{RankedSurface, assemble};
-use linecarve_carving::{Carver, ExportOptions, PointId, Triangle, TriangleRole, VertexId};
+use linecarve_carving::{
+    Carver, ExportOptions, PointId, Triangle, TriangleRole, VertexId, VertexOrigin,
+};
 use linecarve_mesh::TriangleMesh;
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
@@ -60,21 +62,19 @@ impl LineMap {
         vertices.update_postponed(&surface, points, &mut Vec::new());
         let views = VertexViews::of(&surface, carver, points, &self.vertices);
         self.validation.validate_anew(views);
-        let is_exported = |ranks: &[u32; 3]| {
-            let role = self.role(&surface, &of_ranks(ranks), export.longest_edge);
-            role == TriangleRole::Exported
-        };
-        let is_exported: Vec<bool> = ranked.triangles.iter().map(is_exported).collect();
-        let (mesh, ranks) = assemble(ranked, &is_exported, export);
+        let role = |ranks: &[u32; 3]| self.role(&surface, &of_ranks(ranks), export.longest_edge);
+        let roles: Vec<TriangleRole> = ranked.triangles.iter().map(role).collect();
+        let (mesh, origins) = assemble(ranked, &roles, export);
         let colors = VertexColors {
             surface: &surface,
             provisional: FxHashMap::default(),
             vertices: &self.vertices,
             landmarks: &self.landmarks,
         };
-        let of_rank = |rank: Option<u32>| rank.map(|rank| VertexId::from_index(rank as usize));
-        let origins: Vec<Option<VertexId>> = ranks.into_iter().map(of_rank).collect();
-        let observed = observed_colors(&colors, origins.iter().copied());
+        let of_rank =
+            |origin: VertexOrigin<u32>| origin.map(|rank| VertexId::from_index(rank as usize));
+        let origins: Vec<VertexOrigin<VertexId>> = origins.into_iter().map(of_rank).collect();
+        let observed = observed_colors(&colors, &origins);
         let vertices = self.vertices_with(colors);
         let positions = fitted_positions(&mesh.vertices, &mesh.triangles, &origins, &vertices);
         TriangleMesh {

@@ -4,7 +4,7 @@
 //! All steps are local. A vertex is fitted when it comes, moves, or is observed again; positions are smoothed again within
 //! [`SmoothOptions::reach`] of what changed, and move onto segments again within [`SNAP_REACH`] of that.
 
-use linecarve_carving::{Face, IncrementalMesh, MeshChange, VertexId};
+use linecarve_carving::{Face, IncrementalMesh, MeshChange, VertexId, VertexOrigin};
 use linecarve_mesh::{SNAP_REACH, SmoothOptions, smooth_piecewise_flat, snap_to_segments};
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -166,12 +166,8 @@ impl FittedPositions {
 
     /// Copies of one vertex, at which sheets of the surface touch, stay together: they are not smoothed.
     fn fit(&self, mesh: &IncrementalMesh, number: u32, source: &impl VertexSource) -> FittedVertex {
-        let Some(origin) = mesh.origin(number) else {
-            return FittedVertex {
-                position: mesh.position(number),
-                bound: 0.0,
-                views: 0,
-            };
+        let VertexOrigin::Vertex(origin) = mesh.vertex_origin(number) else {
+            return fit_between(mesh.vertex_origin(number), &mesh.position(number), source);
         };
         let fitted = source.fit(origin);
         match mesh.copies(origin).nth(1) {
@@ -209,14 +205,20 @@ impl FittedPositions {
         let triangles = self.mark(&part);
         let smooth: Vec<Point3<f64>> = part.iter().map(|it| self.smooth[*it as usize]).collect();
         // Copies of one vertex stay together.
-        let is_free = |place: usize| {
-            let origin = mesh.origin(part[place]);
-            origin.is_some_and(|origin| mesh.copies(origin).nth(1).is_none())
+        let is_free = |place: usize| match mesh.vertex_origin(part[place]) {
+            VertexOrigin::Vertex(origin) => mesh.copies(origin).nth(1).is_none(),
+            VertexOrigin::Inside { .. } => true,
+            VertexOrigin::Middle => false,
         };
         let positions = snap(&smooth, &triangles, is_free, source);
         let moved = replaced(&mut self.positions, affected, &positions, &self.marks);
         self.unmark(part);
         moved
+    }
+
+    /// The vertices with which a vertex has faces.
+    pub(super) fn neighbors(&self, number: u32) -> impl Iterator<Item = u32> + '_ {
+        self.faces[number as usize].iter().flatten().copied()
     }
 
     /// Marks the vertices of a part with their places in it; returns its triangles by those places, in order.
@@ -245,11 +247,17 @@ impl FittedPositions {
         }
     }
 
-    /// Vertices in an order that does not depend on the history of their numbers: that of carved positions. Copies of a vertex differ in their faces.
+    /// Vertices in an order that does not depend on the history of their numbers: that of carved positions, those inside triangles after others,
+    /// midpoints last. Copies of a vertex differ in their faces.
     fn in_order(&self, mesh: &IncrementalMesh, vertices: Vec<u32>) -> Vec<u32> {
         let key = |number: &u32| {
             let position = ordered(&mesh.position(*number));
-            (mesh.origin(*number).is_none(), position)
+            let class = match mesh.vertex_origin(*number) {
+                VertexOrigin::Vertex(_) => 0,
+                VertexOrigin::Inside { .. } => 1,
+                VertexOrigin::Middle => 2,
+            };
+            (class, position)
         };
         let first_face = |number: &u32| {
             let faces = self.faces[*number as usize].iter();
@@ -319,16 +327,17 @@ impl FittedPositions {
 pub(in crate::map) fn fitted_positions(
     positions: &[Point3<f64>],
     triangles: &[[u32; 3]],
-    origins: &[Option<VertexId>],
+    origins: &[VertexOrigin<VertexId>],
     source: &impl VertexSource,
 ) -> Vec<Point3<f64>> {
     let mut copies: FxHashMap<VertexId, u32> = FxHashMap::default();
-    for origin in origins.iter().flatten() {
-        *copies.entry(*origin).or_default() += 1;
+    for origin in origins.iter().filter_map(|origin| origin.vertex()) {
+        *copies.entry(origin).or_default() += 1;
     }
     let fitted = positions.iter().zip(origins).map(|(position, origin)| {
-        let Some(origin) = origin else {
-            return (*position, 0.0);
+        let VertexOrigin::Vertex(origin) = origin else {
+            let fitted = fit_between(*origin, position, source);
+            return (fitted.position, fitted.bound);
         };
         let fitted = source.fit(*origin);
         let bound = if copies[origin] == 1 {
@@ -340,8 +349,34 @@ pub(in crate::map) fn fitted_positions(
     });
     let (fitted, bounds): (Vec<_>, Vec<_>) = fitted.unzip();
     let smooth = smooth_piecewise_flat(&fitted, triangles, &bounds, &SmoothOptions::default());
-    let is_free = |vertex: usize| origins[vertex].is_some_and(|origin| copies[&origin] == 1);
+    let is_free = |vertex: usize| match origins[vertex] {
+        VertexOrigin::Vertex(origin) => copies[&origin] == 1,
+        VertexOrigin::Inside { .. } => true,
+        VertexOrigin::Middle => false,
+    };
     snap(&smooth, triangles, is_free, source)
+}
+
+/// A vertex that copies none: inside a triangle it lies between the corners where depth measured these, and moves no further than they do.
+fn fit_between(
+    origin: VertexOrigin<VertexId>,
+    carved: &Point3<f64>,
+    source: &impl VertexSource,
+) -> FittedVertex {
+    let VertexOrigin::Inside { corners, part } = origin else {
+        return FittedVertex {
+            position: *carved,
+            bound: 0.0,
+            views: 0,
+        };
+    };
+    let corners = corners.map(|corner| source.fit(corner));
+    let bounds = corners.iter().map(|corner| corner.bound);
+    FittedVertex {
+        position: part.point(&corners.map(|corner| corner.position)),
+        bound: bounds.fold(f64::INFINITY, f64::min),
+        views: 0,
+    }
 }
 
 /// Moves vertices on edges and boundaries onto the segments of a source.

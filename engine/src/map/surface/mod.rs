@@ -7,7 +7,7 @@ mod fitted;
 
 use linecarve_carving::{
     Carver, ExportOptions, IncrementalMesh, MeshChange, SurfaceDelta, Triangle, TriangleRole,
-    VertexId,
+    VertexId, VertexOrigin,
 };
 use linecarve_mesh::{MeshElements, TriangleMesh};
 use nalgebra::Point3;
@@ -19,6 +19,29 @@ pub(super) use fitted::{FittedVertex, fitted_positions, used_views};
 
 /// Colour of vertices without an observed colour: middle grey.
 pub(super) const DEFAULT_COLOR: [u8; 3] = [128; 3];
+
+/// The colour of a vertex: inside a triangle the mean of the corners beside it, by its weights.
+pub(super) fn color_of(
+    origin: VertexOrigin<VertexId>,
+    color: impl Fn(VertexId) -> Option<[u8; 3]>,
+) -> Option<[u8; 3]> {
+    let (corners, part) = match origin {
+        VertexOrigin::Vertex(vertex) => return color(vertex),
+        VertexOrigin::Inside { corners, part } => (corners, part),
+        VertexOrigin::Middle => return None,
+    };
+    let (mut sum, mut unit) = ([0_u32; 3], 0_u32);
+    for k in (0..3).filter(|k| part.has_corner(*k)) {
+        if let Some(color) = color(corners[k]) {
+            let weight = u32::from(part.weights[k]);
+            unit += weight;
+            for (sum, channel) in sum.iter_mut().zip(color) {
+                *sum += weight * u32::from(channel);
+            }
+        }
+    }
+    (unit > 0).then(|| sum.map(|sum| (sum / unit) as u8))
+}
 
 /// The change of a [`MapSurface`] between two moments.
 #[derive(Debug, Clone, Default)]
@@ -180,7 +203,7 @@ impl MapSurface {
         let (deltas, touched) = (&pending.deltas, &pending.revalidated);
         carver.update_mesh(&mut self.mesh, deltas, touched, role);
         let mut mesh = self.mesh.take_change();
-        let recolored = self.recolor(&mesh, pending.recolored, |vertex| vertices.color(vertex));
+        let placed = mesh.placed.clone();
         if let Some(fitted) = &mut self.fitted {
             let seen = match pending.is_all_refitted {
                 true => Seen::All,
@@ -188,6 +211,8 @@ impl MapSurface {
             };
             fitted.follow(&self.mesh, &mut mesh, seen, vertices);
         }
+        let color = |vertex| vertices.color(vertex);
+        let recolored = self.recolor([&mesh.freed, &placed], pending.recolored, color);
         SurfaceChange {
             mesh,
             recolored,
@@ -198,22 +223,23 @@ impl MapSurface {
     /// Updates the colours after a change of the mesh; returns the vertices that stayed and have another colour.
     fn recolor(
         &mut self,
-        change: &MeshChange,
+        [freed, placed]: [&[u32]; 2],
         mut vertices: Vec<VertexId>,
         color: impl Fn(VertexId) -> Option<[u8; 3]>,
     ) -> Vec<u32> {
         self.colors.resize(self.mesh.vertex_capacity(), None);
-        for &number in &change.freed {
+        for &number in freed {
             self.set_color(number, None);
         }
-        for &number in &change.placed {
-            let now = self.mesh.origin(number).and_then(&color);
+        for &number in placed {
+            let now = color_of(self.mesh.vertex_origin(number), &color);
             self.set_color(number, now);
         }
         vertices.sort_unstable();
         vertices.dedup();
         let mut recolored = Vec::new();
         let mut copies = Vec::new();
+        let mut beside = Vec::new();
         for vertex in vertices {
             copies.clear();
             copies.extend(self.mesh.copies(vertex));
@@ -221,10 +247,22 @@ impl MapSurface {
             for &copy in &copies {
                 if self.set_color(copy, now) {
                     recolored.push(copy);
+                    beside.extend(self.fitted.iter().flat_map(|it| it.neighbors(copy)));
+                }
+            }
+        }
+        // Vertices inside triangles have the colours of the corners.
+        for number in beside {
+            let origin = self.mesh.vertex_origin(number);
+            if matches!(origin, VertexOrigin::Inside { .. }) {
+                let now = color_of(origin, &color);
+                if self.set_color(number, now) {
+                    recolored.push(number);
                 }
             }
         }
         recolored.sort_unstable();
+        recolored.dedup();
         recolored
     }
 
