@@ -180,7 +180,7 @@ table! {
         /// depth is measured between edges (`semi_dense.between_edges`), 0.11 is the largest that counts.
         /// Set it lower against triangles that span gaps, higher for a more closed surface.
         longest_edge_share: f64 = surface.longest_edge_share, Values::range(0.0, 1e6, "a number from 0 to 1000000");
-        /// Where depth is dense, least share of a triangle along which keyframes measured the surface; 0 keeps all triangles.
+        /// Where depth is dense, least share of a triangle along which keyframes measured the surface. Of those below it, only a measured part beside an edge is kept; 0 keeps all triangles.
         /// Set it lower for a more closed surface, higher against surface that no keyframe measured.
         least_measured_share: f64 = surface.least_measured_share, Values::range(0.0, 1.0, "a number from 0 to 1");
         /// Least number of triangles of a connected component.

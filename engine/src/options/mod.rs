@@ -147,7 +147,8 @@ pub struct SurfaceOptions {
     /// Where depth is not dense, triangles with an edge longer than this share of the median scene depth are dropped. `None`
     /// keeps all.
     pub longest_edge_share: Option<f64>,
-    /// Where depth is dense, triangles with a smaller measured share than this are dropped; 0 keeps all.
+    /// Where depth is dense, triangles with a smaller measured share than this are dropped, all or what was not measured of them; 0 keeps
+    /// all.
     pub least_measured_share: f64,
     /// Connected components with fewer triangles are dropped.
     pub minimum_component: usize,
