@@ -22,6 +22,7 @@ mod live;
 mod map_points;
 mod paper;
 mod phones;
+mod pictures;
 mod reconstruct;
 mod render;
 mod report_page;
