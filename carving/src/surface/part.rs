@@ -2,9 +2,10 @@
 
 use nalgebra::Point3;
 
-/// A part of a triangle: the triangles between a point inside and some of the edges, of these only those with a whole triangle on the
-/// other side: without repair, gaps and components, for which neighbours are looked for, parts are left out. The triangles across the
-/// other edges are connected with this one no more.
+/// A part of a triangle: the triangles between a point inside it and some of its edges.
+///
+/// An edge counts only if the triangle across it is exported as a whole. Where [neighbours are not looked
+/// for](super::ExportOptions::needs_neighbors), parts are left out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrianglePart {
     /// Barycentric weights of the point, by corner; their sum is the unit. All are positive.

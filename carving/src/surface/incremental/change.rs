@@ -12,7 +12,7 @@ pub type Face = [u32; 3];
 /// another vertex later.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MeshChange {
-    /// Vertices that are new or at another position.
+    /// Vertices that are new or at another position, and those inside triangles whose part is another one.
     pub placed: Vec<u32>,
     /// Vertices that are gone.
     pub freed: Vec<u32>,

@@ -268,6 +268,8 @@ impl<'a> Update<'a> {
             return number;
         }
         self.place(known, position);
+        // What it is made of may have changed where it did not move.
+        self.mesh.log.place(known);
         known
     }
 
