@@ -79,25 +79,19 @@ fn changes_add_up_to_the_whole_surfaces() {
 
 #[test]
 fn changes_of_provisional_keyframes_add_up() {
-    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
-    let out = tempfile::tempdir().unwrap();
-    let more = [
-        "--every",
-        "2",
-        "--depth",
-        "semi-dense",
-        "--max-keyframes",
-        "12",
-    ];
-    assert_eq!(compare_growth(&room, out.path(), &more), 12);
+    let folder = small_sequence(9, "tum");
+    let sequence = folder.path().join("sequence");
+    let more = ["--every", "1", "--depth", "semi-dense"];
+    let out = folder.path().join("out");
+    assert_eq!(compare_growth(&sequence, &out, &more), 9);
 }
 
 #[test]
 #[ignore = "needs LINECARVE_DATA"]
 fn changes_of_recorded_sequences_add_up() {
-    for name in ["seven-scenes", "livingroom-synthetic"] {
+    for (name, every) in [("seven-scenes", "24"), ("livingroom-synthetic", "6")] {
         let out = tempfile::tempdir().unwrap();
-        let count = compare_growth(&data(name), out.path(), &["--every", "6"]);
+        let count = compare_growth(&data(name), out.path(), &["--every", every]);
         assert!(count > 8, "{name}: {count}");
     }
 }

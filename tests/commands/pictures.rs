@@ -82,7 +82,10 @@ fn readme_shows_what_the_program_makes() {
     let pair = [&colored, &textured].map(|mesh| view(mesh, "20", None));
     settle("texture.png", &beside(&pair[0], &pair[1]));
     settle("labels-cut.png", &view(&colored, "32", None));
-    settle("labels-votes.png", &view(&votes.join("mesh.ply"), "32", None));
+    settle(
+        "labels-votes.png",
+        &view(&votes.join("mesh.ply"), "32", None),
+    );
     let edges = cut.join("feature-edges.ply");
     settle("feature-edges.png", &view(&colored, "27", Some(&edges)));
 }

@@ -115,7 +115,7 @@ fn runs_with_depth_images_go_on_to_the_same_bytes() {
 
 #[test]
 fn runs_with_depth_from_neighbours_go_on_to_the_same_bytes() {
-    check_resuming(14, &["--depth", "semi-dense"]);
+    check_resuming(9, &["--depth", "semi-dense"]);
 }
 
 #[test]

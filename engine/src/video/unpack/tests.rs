@@ -341,15 +341,12 @@ fn a_recorded_video_is_decoded_whole_cut_and_damaged() {
     let whole = recorded();
     let (count, warnings) = decoded(&whole, usize::MAX).unwrap();
     assert_eq!((count, warnings.len()), (1400, 0));
-    for share in [2, 3, 10] {
-        let (cut, warnings) =
-            decoded(&whole[..whole.len() * (share - 1) / share], usize::MAX).unwrap();
-        assert!(
-            cut > 300 && cut < 1400 && warnings[0].contains("cut off"),
-            "{cut} {warnings:?}"
-        );
-    }
-    decode_damaged(&whole, 60, 200);
+    let (cut, warnings) = decoded(&whole[..whole.len() / 3], usize::MAX).unwrap();
+    assert!(
+        cut > 300 && cut < 1000 && warnings[0].contains("cut off"),
+        "{cut} {warnings:?}"
+    );
+    decode_damaged(&whole, 30, 80);
 }
 
 /// Decodes as many copies of a video with damaged bytes in the first quarter or anywhere.
