@@ -163,7 +163,8 @@ table! {
         /// Distance behind a point at which space is occupied, in standard deviations of the point.
         /// Set it higher for noisy points; thin objects then become thicker.
         behind_sigmas: f64 = carving.cut.behind_sigmas, Values::range(0.0, 100.0, "a number from 0 to 100");
-        /// Weight of the occupied space behind a point, as a share of the weight of its rays.
+        /// Weight of the occupied space behind a point, as a share of the weight of its rays. It grows with the rays: as given up to 3 of
+        /// them, 8/3 of it from 8 on.
         /// Set it higher against holes, lower against surface that spans free space.
         matter_weight: f64 = carving.cut.matter_weight, Values::range(0.0, 16.0, "a number from 0 to 16");
         /// Weight of the shape of triangles: long thin triangles cost more.
