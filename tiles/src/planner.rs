@@ -164,6 +164,11 @@ impl Planner {
         self.options.tiles = tiles;
     }
 
+    /// Keeps what [`merged_surface`](crate::merged_surface) needs.
+    pub fn keep_neighbors(&mut self) {
+        self.options.keeps_neighbors = true;
+    }
+
     /// Adds a point.
     ///
     /// # Errors

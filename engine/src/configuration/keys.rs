@@ -131,6 +131,7 @@ table! {
         /// Set it higher for large images with fine texture; the run takes longer.
         features: usize = map_points.features, Values::range(1.0, 1e5, "a whole number from 1 to 100000");
         /// Least number of keyframes, or of views of a model, that see a point that is carved.
+        /// Without it 2 views are enough in dense clouds, and in models of which most points have no more.
         /// Set it to 2 for sequences with few views, higher for fewer wrong points.
         min_views: usize = map_points.min_views and point_model.min_views,
             Values::range(2.0, 1e4, "a whole number from 2 to 10000");
