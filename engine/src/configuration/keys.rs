@@ -130,11 +130,13 @@ table! {
         /// Number of ORB features sought in an image.
         /// Set it higher for large images with fine texture; the run takes longer.
         features: usize = map_points.features, Values::range(1.0, 1e5, "a whole number from 1 to 100000");
-        /// Least number of keyframes, or of views of a model, that see a point that is carved.
-        /// Without it 2 views are enough in dense clouds, and in models of which most points have no more.
+        /// Least number of keyframes that see a point that is carved.
         /// Set it to 2 for sequences with few views, higher for fewer wrong points.
-        min_views: usize = map_points.min_views and point_model.min_views,
-            Values::range(2.0, 1e4, "a whole number from 2 to 10000");
+        min_views: usize = map_points.min_views, Values::range(2.0, 1e4, "a whole number from 2 to 10000");
+        /// Least number of views of a model that see a point that is carved; 0: 2 in dense clouds and in models of which most points have no
+        /// more, 3 in others.
+        /// Set it to 2 for models with few views, higher for fewer wrong points.
+        min_model_views: usize = point_model.min_views, Values::range(0.0, 1e4, "a whole number from 0 to 10000");
         /// Largest standard deviation of the position of a point, as a share of its distance from the nearest keyframe that sees it.
         /// Set it lower for fewer and more accurate points; the surface then has more holes.
         max_relative_sigma: f64 = map_points.max_relative_sigma, Values::range(1e-6, 1.0, "a number from 0.000001 to 1");

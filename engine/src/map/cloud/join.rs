@@ -8,8 +8,8 @@ use super::octree::{DEPTH, morton, top_cube};
 use super::{JoinedPoint, SeenPoint};
 
 /// Side of the cubes in which points join, in standard deviations, to the nearest power of two. The normals of triangles between points that
-/// are so far apart are known to a sixth of a radian, from single points.
-const SIDE_SIGMAS: f64 = 6.0;
+/// are so far apart are known to a seventh of a radian, from single points.
+const SIDE_SIGMAS: f64 = 7.0;
 /// A joined point is at most this much more accurate than a single one: errors of points that are near to each other are alike.
 const LARGEST_GAIN: f64 = 4.0;
 /// A cloud is dense where its points lie at most this many pixels apart: matched pixel by pixel, not by features.

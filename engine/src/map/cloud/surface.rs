@@ -17,6 +17,9 @@ use crate::map::surface::{FittedVertex, VertexSource, fitted_positions};
 /// Least cosine between the normal of a wide triangle and the direction to a view that sees one of its corners: 70 degrees. Views graze what
 /// spans a hidden part of the scene. Tuned on the kitchen of 7-Scenes.
 const LEAST_COSINE: f64 = 0.35;
+/// Longest edge of any triangle, in lengths from which on it has to be seen face on. Dense clouds have gaps where surfaces have no texture, and
+/// end. Tuned on the same.
+const LARGEST_REACHES: f64 = 10.0;
 /// How far a vertex may move where the surface is smoothed, in its standard deviations.
 const BOUND_SIGMAS: f64 = 2.0;
 
@@ -201,6 +204,9 @@ impl CloudSurface {
         if longest <= reach {
             return true;
         }
+        if longest > LARGEST_REACHES * reach {
+            return false;
+        }
         let normal = (q - p).cross(&(r - p));
         let middle = p + (q - p + (r - p)) / 3.0;
         let faces = |view: &u32| {
@@ -214,7 +220,7 @@ impl CloudSurface {
     }
 
     /// A vertex at a position, as far as it may move.
-    pub(crate) fn fit(&self, position: Point3<f64>) -> FittedVertex {
+    pub(in crate::map) fn fit(&self, position: Point3<f64>) -> FittedVertex {
         FittedVertex {
             position,
             bound: self.known(&position).map_or(0.0, |known| known.bound),

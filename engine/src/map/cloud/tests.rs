@@ -137,6 +137,8 @@ fn wide_triangles_need_a_view_that_faces_them() {
     let small = [0, 3, 4].map(|index: usize| points[index].position);
     // The view sees the triangle at 45 degrees, at 85 degrees, and from below.
     assert!(at(9.0).supports(wide));
+    let far = wide.map(|corner| Point3::from(9.0 * corner.coords));
+    assert!(at(9.0).supports(far), "nothing is known of the corners");
     assert!(!at(0.8).supports(wide) && !at(-9.0).supports(wide));
     assert!(at(0.8).supports(small));
     let surface = at(9.0);
