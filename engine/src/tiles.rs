@@ -13,6 +13,7 @@ mod tests;
 
 use std::path::{Path, PathBuf};
 
+use linecarve_carving::ExportOptions;
 use linecarve_mesh::{StreamedMesh, TriangleMesh, write_mesh_ply, write_streamed_mesh_ply};
 use linecarve_sequence::DenseCloud;
 use linecarve_tiles::{MergedMesh, PlanOptions, TilesError, Work, merged_mesh, merged_surface};
@@ -38,16 +39,20 @@ struct Finish {
     /// Added to all coordinates.
     origin: [f64; 3],
     closes_holes: bool,
-    /// Whether the points of a dense cloud decide on triangles and vertices.
-    is_dense: bool,
+    /// How the mesh of a dense cloud is exported, whose points decide on triangles and vertices.
+    dense: Option<ExportOptions>,
 }
 
 impl Finish {
-    fn text(origin: [f64; 3], options: &Options, is_dense: bool) -> Result<String, ProjectError> {
+    fn text(
+        origin: [f64; 3],
+        options: &Options,
+        dense: Option<ExportOptions>,
+    ) -> Result<String, ProjectError> {
         Ok(serde_json::to_string(&Self {
             origin,
             closes_holes: options.surface.holes == HoleFilling::All,
-            is_dense,
+            dense,
         })?)
     }
 }
@@ -113,9 +118,9 @@ pub fn plan(
         keeps_neighbors: map.cloud().is_some(),
         ..PlanOptions::default()
     };
-    let is_dense = map.cloud().is_some();
-    let finish = Finish::text(recording.origin.into(), &recording.options, is_dense)?;
     let export = map.export_options();
+    let dense = map.cloud().map(|_| export);
+    let finish = Finish::text(recording.origin.into(), &recording.options, dense)?;
     let work = linecarve_tiles::plan(folder, carver, &export, &options, finish)?;
     if let Some(surface) = map.cloud() {
         cloud::write_surface(surface, folder)?;
@@ -148,13 +153,13 @@ pub fn write_mesh(project: &Project) -> Result<(PathBuf, usize), ProjectError> {
     }
     let finish: Finish = serde_json::from_str(&work.plan().caller)?;
     let origin: Vector3<f64> = finish.origin.into();
-    if finish.closes_holes || finish.is_dense {
-        let mut mesh = match finish.is_dense {
-            true => {
+    if finish.closes_holes || finish.dense.is_some() {
+        let mut mesh = match &finish.dense {
+            Some(export) => {
                 let surface = cloud::read_surface(work.folder())?;
-                surface.surface_of(&merged_surface(work)?, &work.plan().export)
+                surface.surface_of(&merged_surface(work)?, export)
             }
-            false => {
+            None => {
                 let merged = merged_mesh(work)?;
                 TriangleMesh {
                     positions: merged.vertices,

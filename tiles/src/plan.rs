@@ -53,7 +53,7 @@ pub struct Plan {
     /// How the carver labels.
     pub(crate) carver: CarverOptions,
     /// How the mesh is exported.
-    pub export: ExportOptions,
+    pub(crate) export: ExportOptions,
     pub(crate) halo: u32,
     /// See [`PlanOptions::keeps_neighbors`].
     pub(crate) keeps_neighbors: bool,

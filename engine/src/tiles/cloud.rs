@@ -82,7 +82,7 @@ pub(super) fn plan(
         planner.set_tiles((planner.point_count() as usize).div_ceil(POINTS_OF_TILE));
     }
     let export = export_options(options, depths.upper_median().map_err(file_error)?);
-    let finish = Finish::text(origin.into(), options, is_dense)?;
+    let finish = Finish::text(origin.into(), options, is_dense.then_some(export))?;
     let mut carver = carver_options(options);
     if is_dense {
         planner.keep_neighbors();

@@ -239,7 +239,7 @@ impl SequencePlan {
         let finish = Finish::text(
             run.recording().origin.into(),
             &run.recording().options,
-            false,
+            None,
         )?;
         let export = map.export_options();
         let work = linecarve_tiles::plan(&self.folder, carver, &export, &options, finish)?;
