@@ -4,6 +4,7 @@ mod compare;
 mod convert;
 mod diff;
 mod evaluate;
+mod mesh;
 mod ranges;
 mod simplify;
 mod stream;
@@ -22,6 +23,7 @@ pub use compare::CompareArgs;
 pub use convert::{ConvertArgs, Target};
 pub use diff::DiffArgs;
 pub use evaluate::{AlignBy, EvaluateArgs};
+pub use mesh::{KnownOptions, MeshArgs};
 pub use simplify::SimplifyArgs;
 pub use stream::StreamArgs;
 pub use synth::{NoiseModel, SynthArgs};
@@ -78,6 +80,8 @@ pub enum Command {
     Reconstruct(ReconstructArgs),
     /// The camera poses of a recording, from its images: trajectory, map points, report.
     Track(TrackArgs),
+    /// The mesh of a dense cloud or a sparse model with views: a workspace of COLMAP or a scene of OpenMVS, without images.
+    Mesh(MeshArgs),
     /// Only the 3D line segments of a sequence and their clusters.
     Lines(LinesArgs),
     /// Keyframes of a running SLAM, or frames without poses, as JSON lines on standard input; changes of the surface on standard output.

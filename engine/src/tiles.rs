@@ -6,15 +6,17 @@ mod median;
 mod project;
 mod sequence;
 mod slurm;
+mod spill;
 mod task;
 #[cfg(test)]
 mod tests;
 
 use std::path::{Path, PathBuf};
 
+use linecarve_carving::ExportOptions;
 use linecarve_mesh::{StreamedMesh, TriangleMesh, write_mesh_ply, write_streamed_mesh_ply};
 use linecarve_sequence::DenseCloud;
-use linecarve_tiles::{MergedMesh, PlanOptions, TilesError, Work, merged_mesh};
+use linecarve_tiles::{MergedMesh, PlanOptions, TilesError, Work, merged_mesh, merged_surface};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -37,13 +39,20 @@ struct Finish {
     /// Added to all coordinates.
     origin: [f64; 3],
     closes_holes: bool,
+    /// How the mesh of a dense cloud is exported, whose points decide on triangles and vertices.
+    dense: Option<ExportOptions>,
 }
 
 impl Finish {
-    fn text(origin: [f64; 3], options: &Options) -> Result<String, ProjectError> {
+    fn text(
+        origin: [f64; 3],
+        options: &Options,
+        dense: Option<ExportOptions>,
+    ) -> Result<String, ProjectError> {
         Ok(serde_json::to_string(&Self {
             origin,
             closes_holes: options.surface.holes == HoleFilling::All,
+            dense,
         })?)
     }
 }
@@ -106,11 +115,16 @@ pub fn plan(
             .tiles
             .unwrap_or(carver.point_count().div_ceil(POINTS_OF_TILE)),
         halo: split.halo,
+        keeps_neighbors: map.cloud().is_some(),
         ..PlanOptions::default()
     };
-    let finish = Finish::text(recording.origin.into(), &recording.options)?;
     let export = map.export_options();
+    let dense = map.cloud().map(|_| export);
+    let finish = Finish::text(recording.origin.into(), &recording.options, dense)?;
     let work = linecarve_tiles::plan(folder, carver, &export, &options, finish)?;
+    if let Some(surface) = map.cloud() {
+        cloud::write_surface(surface, folder)?;
+    }
     Ok(Planned::Model(Box::new(work)))
 }
 
@@ -139,14 +153,24 @@ pub fn write_mesh(project: &Project) -> Result<(PathBuf, usize), ProjectError> {
     }
     let finish: Finish = serde_json::from_str(&work.plan().caller)?;
     let origin: Vector3<f64> = finish.origin.into();
-    if finish.closes_holes {
-        let merged = merged_mesh(work)?;
-        let mut mesh = TriangleMesh {
-            positions: merged.vertices,
-            triangles: merged.triangles,
-            colors: None,
+    if finish.closes_holes || finish.dense.is_some() {
+        let mut mesh = match &finish.dense {
+            Some(export) => {
+                let surface = cloud::read_surface(work.folder())?;
+                surface.surface_of(&merged_surface(work)?, export)
+            }
+            None => {
+                let merged = merged_mesh(work)?;
+                TriangleMesh {
+                    positions: merged.vertices,
+                    triangles: merged.triangles,
+                    colors: None,
+                }
+            }
         };
-        close_all_holes(&mut mesh);
+        if finish.closes_holes {
+            close_all_holes(&mut mesh);
+        }
         mesh.translate(&origin);
         write_mesh_ply(&path, &mesh)?;
         return Ok((path, mesh.triangles.len()));

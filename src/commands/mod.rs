@@ -11,6 +11,7 @@ mod heat_map;
 mod info;
 pub mod input;
 mod lines;
+mod mesh;
 mod observed;
 mod reconstruct;
 mod render;
@@ -69,6 +70,7 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::Convert(args) => convert::run(args, verbosity),
         Command::Compare(args) => compare::run(args, verbosity),
         Command::View(args) => view::run(args, verbosity),
+        Command::Mesh(args) => mesh::run(args, verbosity),
         Command::Simplify(args) => simplify::run(args),
         Command::Tiles(args) => tiles::run(args, verbosity),
     }

@@ -112,7 +112,7 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
 }
 
 /// The format that the name of a file says.
-fn format_of(option: &str, path: &Path) -> anyhow::Result<Format> {
+pub(super) fn format_of(option: &str, path: &Path) -> anyhow::Result<Format> {
     let extension = path.extension().and_then(|extension| extension.to_str());
     let format = match extension.map(str::to_ascii_lowercase).as_deref() {
         Some("glb") => Some(Format::Glb),

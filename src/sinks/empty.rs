@@ -127,14 +127,18 @@ pub(crate) fn model_left_out(map: &Map) -> Option<String> {
         .collect();
     let observations = match counts.wrong_observations {
         0 => String::new(),
-        count => format!("; {count} observations project elsewhere"),
+        count => format!("{count} observations project elsewhere"),
     };
     (!parts.is_empty() || !observations.is_empty()).then(|| {
         let total = model.points.len();
         let out = total - counts.carved;
-        format!(
-            "{out} of {total} points are left out: {}{observations}",
-            parts.join(", ")
-        )
+        match (parts.is_empty(), observations.is_empty()) {
+            (true, _) => observations,
+            (false, true) => format!("{out} of {total} points are left out: {}", parts.join(", ")),
+            (false, false) => format!(
+                "{out} of {total} points are left out: {}; {observations}",
+                parts.join(", ")
+            ),
+        }
     })
 }

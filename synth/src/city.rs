@@ -7,6 +7,8 @@ use std::io::Write;
 use std::path::Path;
 
 use linecarve_mesh::files::write_atomically;
+use linecarve_mesh::{TriangleMesh, write_mesh_ply};
+use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -28,6 +30,9 @@ const STREET: [f64; 2] = [10.0, 25.0];
 const NOISE: f64 = 0.03;
 /// Share of wrong points.
 const WRONG: f64 = 0.02;
+
+/// Largest number of points of a city whose surface is written.
+const MOST_POINTS_OF_TRUTH: usize = 20_000_000;
 
 /// What a city is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -88,6 +93,51 @@ impl City {
     fn roof(&self, i: i64, j: i64) -> f64 {
         let (x, y) = (i as f64 * PERIOD, j as f64 * PERIOD);
         self.ground(x, y) + 8.0 + ((7 * i + 13 * j).rem_euclid(11)) as f64
+    }
+
+    /// The surface without noise: ground between the blocks, walls and roofs.
+    fn surface(&self) -> TriangleMesh {
+        let mut mesh = TriangleMesh::default();
+        let mut add = |corners: [[f64; 3]; 4]| {
+            let first = mesh.positions.len() as u32;
+            mesh.positions.extend(corners.map(Point3::from));
+            mesh.triangles.push([first, first + 1, first + 2]);
+            mesh.triangles.push([first, first + 2, first + 3]);
+        };
+        let side = (self.blocks as f64 * PERIOD) as i64;
+        let is_street = |t: i64| t as f64 % PERIOD >= BLOCK;
+        for (x, y) in (0..side).flat_map(|x| (0..side).map(move |y| (x, y))) {
+            if is_street(x) || is_street(y) {
+                let corner = |dx: i64, dy: i64| {
+                    let (x, y) = ((x + dx) as f64, (y + dy) as f64);
+                    [x, y, self.ground(x, y)]
+                };
+                add([corner(0, 0), corner(1, 0), corner(1, 1), corner(0, 1)]);
+            }
+        }
+        for (i, j) in (0..self.blocks).flat_map(|i| (0..self.blocks).map(move |j| (i, j))) {
+            let (x, y, roof) = (i as f64 * PERIOD, j as f64 * PERIOD, self.roof(i, j));
+            let (right, top) = (x + BLOCK, y + BLOCK);
+            add([
+                [x, y, roof],
+                [right, y, roof],
+                [right, top, roof],
+                [x, top, roof],
+            ]);
+            for step in 0..BLOCK as i64 {
+                let (near, far) = (step as f64, (step + 1) as f64);
+                for [[ax, ay], [bx, by]] in [
+                    [[x + near, y], [x + far, y]],
+                    [[x + far, top], [x + near, top]],
+                    [[x, y + far], [x, y + near]],
+                    [[right, y + near], [right, y + far]],
+                ] {
+                    let (a, b) = (self.ground(ax, ay), self.ground(bx, by));
+                    add([[ax, ay, a], [bx, by, b], [bx, by, roof], [ax, ay, roof]]);
+                }
+            }
+        }
+        mesh
     }
 
     /// A point on the surface: ground and roofs by their plan, walls by as much again.
@@ -189,7 +239,8 @@ fn rotations() -> [[f64; 4]; 5] {
 }
 
 /// Writes the city into a folder, which must be empty or missing: `sparse/cameras.txt`, `sparse/images.txt`, `fused.ply`,
-/// `fused.ply.vis`. Returns the number of rays.
+/// `fused.ply.vis`, an empty `sparse/points3D.txt` for COLMAP, and up to 20 million points the surface without noise, `ground-truth.ply`.
+/// Returns the number of rays.
 ///
 /// # Errors
 /// When there are fewer than a thousand points or more than two billion, or the folder cannot be used.
@@ -225,6 +276,10 @@ pub fn write_city(options: &CityOptions, folder: &Path) -> Result<u64, SynthErro
         }
         Ok(())
     })?;
+    write_atomically(&folder.join("sparse/points3D.txt"), |_| Ok(()))?;
+    if options.points <= MOST_POINTS_OF_TRUTH {
+        write_mesh_ply(&folder.join("ground-truth.ply"), &city.surface())?;
+    }
     let mut rays = 0;
     write_atomically(&folder.join("fused.ply"), |points| {
         write!(

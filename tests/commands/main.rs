@@ -20,6 +20,7 @@ mod invariance;
 mod killed;
 mod live;
 mod map_points;
+mod mesh;
 mod paper;
 mod phones;
 mod pictures;

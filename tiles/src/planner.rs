@@ -164,6 +164,11 @@ impl Planner {
         self.options.tiles = tiles;
     }
 
+    /// Keeps what [`merged_surface`](crate::merged_surface) needs.
+    pub fn keep_neighbors(&mut self) {
+        self.options.keeps_neighbors = true;
+    }
+
     /// Adds a point.
     ///
     /// # Errors
@@ -385,12 +390,16 @@ fn sorted(bytes: &[u8]) -> (Vec<[f64; 3]>, Vec<RayRecord>) {
         let sigma = f64::get(&bytes[at + 24..]);
         let count = u32::get(&bytes[at + 32..]) as usize;
         let first = at + POINT_BYTES;
-        for ray in bytes[first..first + count * RAY_BYTES].chunks_exact(RAY_BYTES) {
+        let own = bytes[first..first + count * RAY_BYTES].chunks_exact(RAY_BYTES);
+        let weights = own.clone().map(|ray| <[u32; 2]>::get(ray)[1]);
+        let support = weights.fold(0, u32::saturating_add);
+        for ray in own {
             let [view, weight] = <[u32; 2]>::get(ray);
             rays.push(RayRecord {
                 view,
                 vertex: positions.len() as u32 - 1,
                 weight,
+                support,
                 sigma,
                 target: position,
             });

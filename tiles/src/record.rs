@@ -55,26 +55,29 @@ pub(crate) struct RayRecord {
     /// Number of its vertex in the tile.
     pub(crate) vertex: u32,
     pub(crate) weight: u32,
+    /// Total weight of the rays to its point.
+    pub(crate) support: u32,
     /// NaN when there is none.
     pub(crate) sigma: f64,
     pub(crate) target: [f64; 3],
 }
 
 impl Record for RayRecord {
-    const BYTES: usize = 44;
+    const BYTES: usize = 48;
     fn put(&self, out: &mut Vec<u8>) {
-        [self.view, self.vertex, self.weight].put(out);
+        [self.view, self.vertex, self.weight, self.support].put(out);
         self.sigma.put(out);
         self.target.put(out);
     }
     fn get(bytes: &[u8]) -> Self {
-        let [view, vertex, weight] = <[u32; 3]>::get(bytes);
+        let [view, vertex, weight, support] = <[u32; 4]>::get(bytes);
         Self {
             view,
             vertex,
             weight,
-            sigma: f64::get(&bytes[12..]),
-            target: <[f64; 3]>::get(&bytes[20..]),
+            support,
+            sigma: f64::get(&bytes[16..]),
+            target: <[f64; 3]>::get(&bytes[24..]),
         }
     }
 }

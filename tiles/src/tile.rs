@@ -43,6 +43,7 @@ pub(crate) fn traced(ray: &RayRecord, centers: &[[f64; 3]]) -> TracedRay {
         target: ray.target,
         sigma: (!ray.sigma.is_nan()).then_some(ray.sigma),
         weight: ray.weight,
+        support: ray.support,
     }
 }
 

@@ -10,6 +10,8 @@ use crate::visibility::rays::Rays;
 /// Existing observations that the transaction removes or modifies, sorted.
 pub(super) struct Affected {
     pub(super) rays: Vec<ObservationId>,
+    /// Points whose rays change, sorted: old ones by their old rays, and those of new rays.
+    pub(super) supported: Vec<u32>,
     /// Rays of which nothing changes but the standard deviation of their point; not among `rays`.
     pub(super) resoftened: Vec<ObservationId>,
 }
@@ -19,7 +21,12 @@ impl Plan {
         let rays = self.affected_rays(carver);
         let mut resoftened = self.resoftened_rays(carver);
         resoftened.retain(|ray| rays.binary_search(ray).is_err());
-        Affected { rays, resoftened }
+        let supported = self.supported_points(carver, &rays);
+        Affected {
+            rays,
+            resoftened,
+            supported,
+        }
     }
 
     /// Existing rays with another deviation of their point; sorted.
@@ -33,6 +40,20 @@ impl Plan {
         resoftened.sort_unstable();
         resoftened.dedup();
         resoftened
+    }
+
+    /// Points of which the total weight of rays may change; sorted.
+    fn supported_points(&self, carver: &Carver, rays: &[ObservationId]) -> Vec<u32> {
+        if !carver.cells.evidence.is_on() {
+            return Vec::new();
+        }
+        let table = carver.rays.table();
+        let old = rays.iter().map(|&ray| table.point(ray));
+        let new = self.rays.iter().map(|(_, point, _)| point);
+        let mut points: Vec<u32> = old.chain(new).collect();
+        points.sort_unstable();
+        points.dedup();
+        points
     }
 
     /// Existing rays that end, or whose position or weight changes; sorted.

@@ -107,14 +107,15 @@ impl Carver {
         Ok(())
     }
 
-    /// Verifies that observations have the vertices and deviations of their points.
+    /// Verifies that observations have the vertices, deviations and total weights of their points.
     fn check_ends(&self) -> Result<(), CarverViolation> {
         let rays = self.rays.table();
         for ray in rays.all() {
             let point = rays.point(ray);
             let vertex = self.points.get(point).map(|record| record.vertex);
-            let is_stale =
-                self.cells.evidence.is_on() && rays.sigma(ray) != self.points.sigma(point);
+            let is_stale = self.cells.evidence.is_on()
+                && (rays.sigma(ray) != self.points.sigma(point)
+                    || rays.support(ray) != rays.total_weight(point));
             if is_stale || vertex != Some(rays.vertex(ray)) {
                 let point = PointId(point);
                 return Err(CarverViolation::Observation { point });

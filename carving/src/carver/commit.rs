@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use nalgebra::Point3;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 use super::affected::Affected;
 use super::error::TransactionError;
@@ -127,6 +127,31 @@ impl PlannedRays {
     }
 }
 
+/// Enters the total weights of the rays to these points into the table for the rays among `changed`. Returns the others whose total weight
+/// is another one now.
+pub(super) fn enter_support(
+    table: &mut Rays,
+    points: &[u32],
+    changed: &[ObservationId],
+) -> Vec<ObservationId> {
+    let changed: FxHashSet<u32> = changed.iter().map(|ray| ray.0).collect();
+    let mut listed = Vec::new();
+    for &point in points {
+        let support = table.total_weight(point);
+        let rays: Vec<ObservationId> = table.of_point(point).collect();
+        for ray in rays {
+            if table.support(ray) == support {
+                continue;
+            }
+            match changed.contains(&ray.0) {
+                true => table.set_support(ray, support),
+                false => listed.push(ray),
+            }
+        }
+    }
+    listed
+}
+
 /// Enters the vertices and deviations of points into the table of rays.
 pub(super) fn enter_ends(table: &mut Rays, points: &Points, ids: &[ObservationId]) {
     for &id in ids {
@@ -167,7 +192,12 @@ impl Carver {
             }
             false => rays.resoften(&mut space, &affected.resoftened, sigma),
         }
-        let mut changed_rays = plan.withdraw(rays, &mut space, (affected.rays, is_rebuilt));
+        let Affected {
+            rays: affected_rays,
+            supported,
+            ..
+        } = affected;
+        let mut changed_rays = plan.withdraw(rays, &mut space, (affected_rays, is_rebuilt));
         self.update_views(plan);
         report.times.carving += start.elapsed();
 
@@ -186,6 +216,7 @@ impl Carver {
         let table = self.rays.table_mut();
         plan.rays
             .enter(table, ends, first_new_view, &mut changed_rays);
+        let reweighed = enter_support(table, &supported, &changed_rays);
         // Walking again inside half of the lists costs as much as walking all rays.
         let crossings = self.rays.crossings();
         let destroyed = changes.destroyed.iter();
@@ -196,6 +227,10 @@ impl Carver {
             self.cells.clear();
             changed_rays.clear();
             changed_rays.extend(self.rays.table().all());
+            let table = self.rays.table_mut();
+            for &ray in &reweighed {
+                table.set_support(ray, table.total_weight(table.point(ray)));
+            }
         }
         self.cells.begin_update(&self.tetrahedra, &changes);
         self.views.locate_stale(&self.tetrahedra, |cell| {
@@ -204,6 +239,9 @@ impl Carver {
         let (mut space, rays) = self.visibility();
         rays.rewalk(&mut space, &changes);
         space.cells.end_update(&changes);
+        if !is_rebuilt {
+            rays.reweigh(&mut space, &reweighed, Rays::total_weight);
+        }
         rays.add(&mut space, &mut changed_rays);
         self.update_samples(plan, &changes, is_rebuilt);
         report.times.carving += start.elapsed();

@@ -10,7 +10,7 @@ use std::time::Instant;
 use nalgebra::Point3;
 
 use super::affected::Affected;
-use super::commit::{CommitReport, enter_ends, sorted};
+use super::commit::{CommitReport, enter_ends, enter_support, sorted};
 use super::transaction::{PendingChange, Plan};
 use super::{Carver, CarverOptions, Labeling};
 use crate::labels::Cut;
@@ -129,6 +129,9 @@ impl Carver {
         let ends = (&self.views, &self.points);
         let table = self.rays.table_mut();
         plan.rays.enter(table, ends, first_new_view, &mut rays);
+        for ray in enter_support(table, &affected.supported, &[]) {
+            table.set_support(ray, table.total_weight(table.point(ray)));
+        }
         self.enter_samples(plan, true);
         CommitReport::default()
     }

@@ -12,7 +12,8 @@ use crate::visibility::{Softness, UNIT};
 ///
 /// * a surface that a ray pierces before its point costs `w (1 - exp(-d^2 / 2 s^2))`, if the far side is the occupied one;
 /// * a label occupied at the centre of the view costs `w` for each of its rays;
-/// * a label free `behind_sigmas` deviations behind the point, along the ray, costs `matter_weight w`;
+/// * a label free `behind_sigmas` deviations behind the point, along the ray, costs `matter_weight w n / 3`, `n` being the total weight of
+///   the observations of the point, from 3 to 8: what is behind a point is as certain as the point;
 /// * every facet of the surface costs `quality_weight (1 - min(cos phi, cos psi))`, `phi` and `psi` being the angles
 ///   between the facet and the circumspheres of its two cells: facets between large empty spheres cost nothing.
 ///
@@ -36,7 +37,7 @@ pub struct CutOptions {
     /// Distance behind a point, in deviations, at which space is expected to be occupied; at least a millionth of the length of
     /// the ray.
     pub behind_sigmas: f64,
-    /// Weight of the occupied space behind a point, as a share of the weight of the observation; 16 at most.
+    /// Weight of the occupied space behind a point of up to 3 observations, as a share of the weight of the observation; 16 at most.
     pub matter_weight: f64,
     /// Weight of the shape of facets; 256 at most.
     pub quality_weight: f64,

@@ -98,6 +98,12 @@ impl OccupiedAnchors {
         is_inside.then_some(cell)
     }
 
+    /// The cell for which an anchor counts.
+    pub(super) fn cell(&self, id: u32) -> Option<CellId> {
+        let anchor = self.anchors.get(id as usize)?;
+        (anchor.cell != NONE && anchor.is_inside).then(|| CellId::from_index(anchor.cell as usize))
+    }
+
     /// Detaches an anchor; returns the cell for which it counted.
     pub(super) fn detach(&mut self, id: u32) -> Option<CellId> {
         let Anchor {

@@ -8,14 +8,32 @@ pub(crate) struct Softness {
     pub(crate) relative_sigma: f64,
     /// Distance of the anchor behind a point, in standard deviations.
     pub(crate) behind_sigmas: f64,
-    /// Weight of the anchor, in units of 1 / [`UNIT`] of the weight of the ray.
+    /// Weight of the anchor behind a point of few rays, in units of 1 / [`UNIT`] of the weight of the ray.
     pub(crate) anchor_weight: u64,
+}
+
+impl Softness {
+    /// Number of rays up to which a point is one of few rays.
+    const FEW_RAYS: u32 = 3;
+    /// Number of rays from which on more do not make a point more certain.
+    const MANY_RAYS: u32 = 8;
+
+    /// Weight of the anchor behind a point to which rays of this total weight lead.
+    ///
+    /// The weight grows with the rays. That something is behind a point is as certain as the point itself, and rays from many views that
+    /// end at one position hardly err together. Where points have few rays each, as landmarks of depth images do, passing rays decide.
+    /// The limits were tuned on a generated city, a kitchen as depth images and as a dense cloud, and a noisy rendered room.
+    #[inline]
+    pub(crate) fn supported_weight(&self, rays: u32) -> u64 {
+        let rays = rays.clamp(Self::FEW_RAYS, Self::MANY_RAYS);
+        self.anchor_weight * u64::from(rays) / u64::from(Self::FEW_RAYS)
+    }
 }
 
 /// Evidence of a ray of weight 1 far from its point. Each contribution is rounded to an integer, so sums do not depend on
 /// the order.
 pub(crate) const UNIT: u64 = 256;
-/// Largest weight that counts as evidence. With [`UNIT`] and four billion rays, sums stay below 2^60.
+/// Largest weight that counts as evidence. With [`UNIT`] and four billion rays, sums stay below 2^62.
 pub(crate) const MAX_WEIGHT: u32 = (1 << 16) - 1;
 
 /// Least distance of an anchor behind its point, as a share of the length of the ray.
@@ -57,6 +75,17 @@ pub(super) fn falloff(deviations: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_behind_a_point_weighs_more_with_more_rays() {
+        let softness = Softness {
+            relative_sigma: 0.01,
+            behind_sigmas: 0.5,
+            anchor_weight: 192,
+        };
+        let weights = [0, 1, 3, 4, 6, 8, 9, u32::MAX].map(|rays| softness.supported_weight(rays));
+        assert_eq!(weights, [192, 192, 192, 256, 384, 512, 512, 512]);
+    }
 
     /// Not a tolerance: the labels of a cut are the same on all machines because these bits are.
     #[test]

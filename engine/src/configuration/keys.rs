@@ -130,10 +130,13 @@ table! {
         /// Number of ORB features sought in an image.
         /// Set it higher for large images with fine texture; the run takes longer.
         features: usize = map_points.features, Values::range(1.0, 1e5, "a whole number from 1 to 100000");
-        /// Least number of keyframes, or of views of a model, that see a point that is carved.
+        /// Least number of keyframes that see a point that is carved.
         /// Set it to 2 for sequences with few views, higher for fewer wrong points.
-        min_views: usize = map_points.min_views and point_model.min_views,
-            Values::range(2.0, 1e4, "a whole number from 2 to 10000");
+        min_views: usize = map_points.min_views, Values::range(2.0, 1e4, "a whole number from 2 to 10000");
+        /// Least number of views of a model that see a point that is carved; 0: 2 in dense clouds and in models of which most points have no
+        /// more, 3 in others.
+        /// Set it to 2 for models with few views, higher for fewer wrong points.
+        min_model_views: usize = point_model.min_views, Values::range(0.0, 1e4, "a whole number from 0 to 10000");
         /// Largest standard deviation of the position of a point, as a share of its distance from the nearest keyframe that sees it.
         /// Set it lower for fewer and more accurate points; the surface then has more holes.
         max_relative_sigma: f64 = map_points.max_relative_sigma, Values::range(1e-6, 1.0, "a number from 0.000001 to 1");
@@ -163,7 +166,8 @@ table! {
         /// Distance behind a point at which space is occupied, in standard deviations of the point.
         /// Set it higher for noisy points; thin objects then become thicker.
         behind_sigmas: f64 = carving.cut.behind_sigmas, Values::range(0.0, 100.0, "a number from 0 to 100");
-        /// Weight of the occupied space behind a point, as a share of the weight of its rays.
+        /// Weight of the occupied space behind a point, as a share of the weight of its rays. It grows with the rays: as given up to 3 of
+        /// them, 8/3 of it from 8 on.
         /// Set it higher against holes, lower against surface that spans free space.
         matter_weight: f64 = carving.cut.matter_weight, Values::range(0.0, 16.0, "a number from 0 to 16");
         /// Weight of the shape of triangles: long thin triangles cost more.

@@ -77,6 +77,7 @@ between_edges = false
 enabled = false
 [map_points]
 min_views = 2
+min_model_views = 4
 [carving]
 labels = "votes"
 cut.quality_weight = 0.2
@@ -94,7 +95,7 @@ boundary_tolerance = 0.01
     assert!(!options.semi_dense.is_dense);
     assert!(!options.pose_correction.enabled);
     assert_eq!(options.map_points.min_views, 2);
-    assert_eq!(options.point_model.min_views, 2);
+    assert_eq!(options.point_model.min_views, 4);
     assert_eq!(options.carving.labels, LabelKind::Votes);
     assert_eq!(options.carving.cut.quality_weight, 0.2);
     assert_eq!(options.surface.holes, HoleFilling::All);

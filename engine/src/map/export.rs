@@ -48,7 +48,7 @@ impl Map {
         let longest = self.export_options().longest_edge;
         match (self.followed_surface(), &self.contents) {
             (Some(surface), _) if surface.is_current(longest) => surface.to_mesh(),
-            (_, Contents::Lines(_)) => {
+            _ if self.is_fitted() => {
                 let mut surface = self.new_surface();
                 self.update_surface(&mut surface);
                 surface.to_mesh()

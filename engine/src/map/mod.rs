@@ -4,6 +4,7 @@
 //! of a sparse model. It takes [`Keyframe`]s and returns a [`MapUpdate`] for each.
 
 mod carved;
+pub(crate) mod cloud;
 mod corrections;
 mod depth_evidence;
 mod depth_noise;
@@ -34,13 +35,14 @@ mod view_region;
 
 use std::time::{Duration, Instant};
 
-use linecarve_carving::{Carver, Triangle, TriangleRole};
+use linecarve_carving::{Carver, Triangle, TriangleRole, VertexId};
 use linecarve_points::PointMap;
 use linecarve_sequence::{ModelPoint, SparseModel};
 use nalgebra::{Isometry3, Point3};
 
 use crate::front_end::Keyframe;
 use crate::options::Options;
+use cloud::{CloudSurface, CloudVertices};
 use lines::LineMap;
 use model::ModelMap;
 use observed::ObservedMap;
@@ -226,8 +228,12 @@ impl Map {
 
     /// An exported surface that has not followed anything yet.
     fn new_surface(&self) -> MapSurface {
-        let is_fitted = matches!(self.contents, Contents::Lines(_));
-        MapSurface::new(&self.carver, &self.export_options(), is_fitted)
+        MapSurface::new(&self.carver, &self.export_options(), self.is_fitted())
+    }
+
+    /// Whether vertices of the surface lie elsewhere than they are carved.
+    fn is_fitted(&self) -> bool {
+        matches!(self.contents, Contents::Lines(_)) || self.cloud().is_some()
     }
 
     /// Brings the followed surface up to date, and returns its change since the last call; `None` when it is not followed.
@@ -250,8 +256,30 @@ impl Map {
                 let vertices = lines.fitted_vertices(&self.carver);
                 surface.update(&self.carver, longest, role, &vertices)
             }
-            _ => surface.update(&self.carver, longest, role, &CarvedVertices(&self.carver)),
+            _ => match self.cloud() {
+                Some(cloud) => {
+                    let vertices = self.cloud_vertices(cloud);
+                    surface.update(&self.carver, longest, role, &vertices)
+                }
+                None => surface.update(&self.carver, longest, role, &CarvedVertices(&self.carver)),
+            },
         }
+    }
+
+    /// What is known of the points of a dense cloud; `None` for other maps.
+    pub(crate) fn cloud(&self) -> Option<&CloudSurface> {
+        match &self.contents {
+            Contents::Model(model) => model.cloud(),
+            _ => None,
+        }
+    }
+
+    fn cloud_vertices<'a>(
+        &'a self,
+        surface: &'a CloudSurface,
+    ) -> CloudVertices<'a, impl Fn(VertexId) -> Point3<f64> + Sync + 'a> {
+        let position = |vertex| self.carver.tetrahedra().position(vertex);
+        CloudVertices { surface, position }
     }
 
     /// The followed surface as of the last [`take_surface_change`](Self::take_surface_change).
@@ -264,9 +292,15 @@ impl Map {
         if let Contents::Lines(lines) = &self.contents {
             return lines.role(&self.carver, triangle, longest);
         }
-        match longest.is_none_or(|longest| self.carver.has_edges_within(triangle, longest)) {
-            true => TriangleRole::Exported,
-            false => TriangleRole::Ignored,
+        let is_short =
+            longest.is_none_or(|longest| self.carver.has_edges_within(triangle, longest));
+        let tetrahedra = self.carver.tetrahedra();
+        let corners = || triangle.map(|vertex| tetrahedra.position(vertex));
+        match self.cloud() {
+            Some(cloud) if is_short && cloud.supports(corners()) => TriangleRole::Exported,
+            Some(_) => TriangleRole::Counted,
+            None if is_short => TriangleRole::Exported,
+            None => TriangleRole::Ignored,
         }
     }
 

@@ -10,9 +10,11 @@ use linecarve_points::parallax_cosine;
 use linecarve_sequence::{ModelPoint, ModelView, SparseModel};
 use nalgebra::{Matrix3, Point3, Vector3};
 
+use super::cloud::{CloudSurface, JoinedPoint, SeenPoint, ViewStatistics, join, top_level};
 use super::error::MapError;
 use super::update::MapUpdate;
 use crate::options::{Options, PointModelOptions};
+use crate::recording::PointExtent;
 
 /// Numbers of carved and rejected points of a model.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -39,6 +41,15 @@ pub(super) struct ModelMap {
     /// Standard deviation of each point for the carver, if known.
     sigmas: Vec<Option<f64>>,
     median_depth: Option<f64>,
+    joined: Option<Joined>,
+}
+
+/// The points of a dense cloud that are carved.
+struct Joined {
+    points: Vec<ModelPoint>,
+    /// The views of each, ascending, with weights.
+    rays: Vec<Vec<[u32; 2]>>,
+    surface: CloudSurface,
 }
 
 impl ModelMap {
@@ -53,10 +64,17 @@ impl ModelMap {
         sigma_factor: f64,
     ) -> Result<Self, MapError> {
         let mut counts = ModelCounts::default();
+        let options =
+            &with_least_views(options, &model.views, || ViewStatistics::of(&model.points));
         let mut points_of_view = vec![Vec::new(); model.views.len()];
         let mut depths = Vec::new();
         let mut views = Vec::new();
         let mut sigmas = vec![None; model.points.len()];
+        let mut seen = Vec::new();
+        let mut extent = PointExtent::default();
+        // Pixels are those of features, which are matched one by one.
+        let is_dense = (model.points.iter().flat_map(|point| &point.observations))
+            .all(|observation| observation.pixel.is_none());
         for (index, point) in model.points.iter().enumerate() {
             if let Some(observation) = point
                 .observations
@@ -69,6 +87,7 @@ impl ModelMap {
                     views: model.views.len(),
                 });
             }
+            extent.add(&point.point_in_world);
             if select_point(&model, point, options, &mut views, &mut depths, &mut counts) {
                 for view in &views {
                     points_of_view[*view as usize].push(index as u32);
@@ -76,17 +95,63 @@ impl ModelMap {
                 let seen_from = views.iter().map(|view| &model.views[*view as usize]);
                 sigmas[index] = sigma_along_rays(&point.point_in_world, seen_from)
                     .map(|sigma| sigma_factor * sigma);
+                if is_dense {
+                    seen.push(SeenPoint {
+                        position: point.point_in_world,
+                        color: point.color,
+                        views: views.clone(),
+                        sigma: sigmas[index],
+                        pixel: smallest_pixel(&point.point_in_world, &model.views, &views),
+                    });
+                }
             }
         }
         let median_depth = upper_median(&mut depths, f64::total_cmp);
-        Ok(Self {
+        let mut map = Self {
             counts,
             points_of_view,
             points: vec![None; model.points.len()],
             sigmas,
             median_depth,
             model,
-        })
+            joined: None,
+        };
+        map.join(seen, &extent);
+        Ok(map)
+    }
+
+    /// Joins the points of a dense cloud; does nothing where no surface is found.
+    fn join(&mut self, seen: Vec<SeenPoint>, extent: &PointExtent) {
+        let center = |view: &ModelView| Point3::from(view.world_from_camera.translation.vector);
+        let centers: Vec<Point3<f64>> = self.model.views.iter().map(center).collect();
+        let joined = join(seen, top_level(extent.longest()), &centers);
+        if !joined.iter().any(|point| point.is_dense) {
+            return;
+        }
+        self.points_of_view = vec![Vec::new(); self.model.views.len()];
+        for (index, point) in joined.iter().enumerate() {
+            for [view, _] in &point.rays {
+                self.points_of_view[*view as usize].push(index as u32);
+            }
+        }
+        self.points = vec![None; joined.len()];
+        self.sigmas = joined.iter().map(|point| point.sigma).collect();
+        let surface = CloudSurface::of(joined.iter(), centers);
+        let point = |point: &JoinedPoint| ModelPoint {
+            point_in_world: point.position,
+            color: point.color,
+            observations: Vec::new(),
+        };
+        self.joined = Some(Joined {
+            points: joined.iter().map(point).collect(),
+            rays: joined.into_iter().map(|point| point.rays).collect(),
+            surface,
+        });
+    }
+
+    /// What is known of the points of a dense cloud; `None` for other models.
+    pub(super) fn cloud(&self) -> Option<&CloudSurface> {
+        self.joined.as_ref().map(|joined| &joined.surface)
     }
 
     /// Adds views and their points in one transaction.
@@ -123,9 +188,13 @@ impl ModelMap {
         for view in views {
             let points_of_view = &self.points_of_view[view];
             let points = (&mut self.points[..], &self.sigmas[..]);
+            let own = match &self.joined {
+                Some(joined) => (&joined.points[..], Some(&joined.rays[..])),
+                None => (&self.model.points[..], None),
+            };
             add_view(
                 &mut transaction,
-                &self.model,
+                (&self.model.views[view], own),
                 view,
                 points_of_view,
                 points,
@@ -175,11 +244,28 @@ impl ModelMap {
 
     /// The points carved so far.
     pub(super) fn carved(&self) -> impl Iterator<Item = &ModelPoint> {
-        let points = self.points.iter().zip(&self.model.points);
+        let own = self
+            .joined
+            .as_ref()
+            .map_or(&self.model.points, |joined| &joined.points);
+        let points = self.points.iter().zip(own);
         points
             .filter(|(id, _)| id.is_some())
             .map(|(_, point)| point)
     }
+}
+
+/// Options with the least number of views that the model asks for, where they leave it open.
+fn with_least_views(
+    options: &PointModelOptions,
+    views: &[ModelView],
+    statistics: impl FnOnce() -> ViewStatistics,
+) -> PointModelOptions {
+    let mut options = *options;
+    if options.min_views == 0 {
+        options.min_views = statistics().least_views(views);
+    }
+    options
 }
 
 /// Selects the points of a model as [`ModelMap`] does, one by one.
@@ -194,13 +280,18 @@ pub(crate) struct PointSelector {
 }
 
 impl PointSelector {
-    pub(crate) fn new(views: Vec<ModelView>, options: &Options) -> Self {
+    pub(crate) fn new(
+        views: Vec<ModelView>,
+        options: &Options,
+        statistics: ViewStatistics,
+    ) -> Self {
+        let point_model = with_least_views(&options.point_model, &views, || statistics);
         Self {
             model: SparseModel {
                 views,
                 points: Vec::new(),
             },
-            options: options.point_model,
+            options: point_model,
             sigma_factor: options.carving.cut.sigma_factor,
             counts: ModelCounts::default(),
             views: Vec::new(),
@@ -208,9 +299,9 @@ impl PointSelector {
         }
     }
 
-    /// The views of a point with its depth in these and its standard deviation, if it is carved. Observations must name views of the
+    /// A point as it is carved, with its depths in its views, if it is carved. Observations must name views of the
     /// model.
-    pub(crate) fn select(&mut self, point: &ModelPoint) -> Option<(&[u32], &[f64], Option<f64>)> {
+    pub(crate) fn select(&mut self, point: &ModelPoint) -> Option<(SeenPoint, &[f64])> {
         self.depths.clear();
         let (model, views) = (&self.model, &mut self.views);
         let is_carved = select_point(
@@ -225,7 +316,14 @@ impl PointSelector {
             let seen_from = views.iter().map(|view| &model.views[*view as usize]);
             let sigma = sigma_along_rays(&point.point_in_world, seen_from);
             let sigma = sigma.map(|sigma| self.sigma_factor * sigma);
-            (&views[..], &self.depths[..], sigma)
+            let seen = SeenPoint {
+                position: point.point_in_world,
+                color: point.color,
+                views: views.clone(),
+                sigma,
+                pixel: smallest_pixel(&point.point_in_world, &model.views, views),
+            };
+            (seen, &self.depths[..])
         })
     }
 }
@@ -311,19 +409,32 @@ pub(super) fn sigma_along_rays<'a>(
     (sigma > 0.0 && sigma < farthest).then_some(sigma)
 }
 
+/// Size of a pixel at a point, in the view where it is smallest; `None` without cameras.
+pub(super) fn smallest_pixel(
+    point: &Point3<f64>,
+    views: &[ModelView],
+    seen_by: &[u32],
+) -> Option<f64> {
+    let sizes = seen_by.iter().filter_map(|view| {
+        let view = &views[*view as usize];
+        let ray = point - Point3::from(view.world_from_camera.translation.vector);
+        Some(ray.norm() / view.camera.as_ref()?.mean_focal_px())
+    });
+    sizes.min_by(f64::total_cmp)
+}
+
 /// Assumed standard deviation of the pixels of a model, which do not come with one.
 const PIXEL_SIGMA_PX: f64 = 1.0;
 
 /// Adds a view, its observations and its new points.
 fn add_view(
     transaction: &mut Transaction<'_>,
-    model: &SparseModel,
+    (record, (own, rays)): (&ModelView, (&[ModelPoint], Option<&[Vec<[u32; 2]>]>)),
     view: usize,
     points_of_view: &[u32],
     (points, sigmas): (&mut [Option<PointId>], &[Option<f64>]),
     update: &mut MapUpdate,
 ) -> Result<(), MapError> {
-    let record = &model.views[view];
     let rejected = |source| MapError::View {
         name: record.name.clone(),
         source,
@@ -339,7 +450,7 @@ fn add_view(
             }
             None => {
                 update.new_points += 1;
-                let position = model.points[index as usize].point_in_world;
+                let position = own[index as usize].point_in_world;
                 let point = transaction
                     .add_point(position)
                     .map_err(|source| MapError::Point {
@@ -352,8 +463,13 @@ fn add_view(
                 *slot.insert(point)
             }
         };
+        let weight = rays.map_or(1, |rays| {
+            let own = &rays[index as usize];
+            let found = own.binary_search_by_key(&(view as u32), |[view, _]| *view);
+            found.map_or(1, |place| own[place][1])
+        });
         transaction
-            .add_observation(id, point, 1)
+            .add_observation(id, point, weight)
             .map_err(rejected)?;
     }
     Ok(())

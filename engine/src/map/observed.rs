@@ -96,7 +96,14 @@ impl ObservedMap {
             views: Vec::new(),
             points_of_view: Vec::new(),
             records: Vec::new(),
-            options: *options,
+            options: PointModelOptions {
+                // All points are not known from the beginning.
+                min_views: match options.min_views {
+                    0 => 3,
+                    given => given,
+                },
+                ..*options
+            },
             sigma_factor,
             median_depth: None,
             observations: 0,

@@ -71,7 +71,7 @@ impl Default for SurfacePointOptions {
 /// Filter for the points of a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PointModelOptions {
-    /// Least number of views that observe a point.
+    /// Least number of views that observe a point. 0 is 2 for dense clouds, and for models of which most points have no more; 3 for others.
     pub min_views: usize,
     /// Least parallax: largest angle between two rays to a point. Depth is uncertain below it.
     pub parallax_degrees: f64,
@@ -82,7 +82,7 @@ pub struct PointModelOptions {
 impl Default for PointModelOptions {
     fn default() -> Self {
         Self {
-            min_views: 3,
+            min_views: 0,
             parallax_degrees: 1.0,
             max_reprojection_px: 4.0,
         }

@@ -48,6 +48,11 @@ impl PointExtent {
         }
     }
 
+    /// The box around the points after a translation.
+    pub(crate) fn translated(&self, by: &Vector3<f64>) -> Self {
+        Self(self.0.map(|corner| corner + by))
+    }
+
     /// The longest side.
     pub(crate) fn longest(&self) -> f64 {
         let [low, high] = &self.0;

@@ -236,7 +236,11 @@ impl SequencePlan {
             keeps_neighbors: self.contents.recording.is_of_lines(),
             ..PlanOptions::default()
         };
-        let finish = Finish::text(run.recording().origin.into(), &run.recording().options)?;
+        let finish = Finish::text(
+            run.recording().origin.into(),
+            &run.recording().options,
+            None,
+        )?;
         let export = map.export_options();
         let work = linecarve_tiles::plan(&self.folder, carver, &export, &options, finish)?;
         let counts = vec![

@@ -17,6 +17,8 @@ pub(super) struct RayEvidence<'a> {
     /// Standard deviation of the target along the ray.
     sigma: Option<f64>,
     weight: u32,
+    /// Total weight of the rays to the target.
+    support: u32,
     softness: Softness,
     length: f64,
     /// A facet whose corners are all beyond costs the full weight.
@@ -24,12 +26,13 @@ pub(super) struct RayEvidence<'a> {
 }
 
 impl<'a> RayEvidence<'a> {
-    /// The ray from a centre to a target; `sigma` is the standard deviation of the target along the ray.
+    /// The ray from a centre to a target; `sigma` is the standard deviation of the target along the ray. The weights are those of the
+    /// ray and of all rays to the target.
     #[inline]
     pub(super) fn new(
         [center, target]: [&'a [f64; 3]; 2],
         sigma: Option<f64>,
-        weight: u32,
+        [weight, support]: [u32; 2],
         softness: Softness,
     ) -> Self {
         let ray = minus(center, target);
@@ -41,6 +44,7 @@ impl<'a> RayEvidence<'a> {
             target,
             sigma,
             weight,
+            support,
             softness,
             length,
             // `exp(-d^2 / 2)` is less than half a unit from 3.6 deviations on; the rest covers rounding.
@@ -71,7 +75,7 @@ impl<'a> RayEvidence<'a> {
     /// The weight of the anchor behind the target.
     #[inline]
     pub(super) fn anchor_weight(&self) -> u64 {
-        u64::from(self.weight.min(MAX_WEIGHT)) * self.softness.anchor_weight
+        u64::from(self.weight.min(MAX_WEIGHT)) * self.softness.supported_weight(self.support)
     }
 
     /// `w (1 - exp(-d^2 / 2 s^2))`, rounded, for a facet that the ray pierces at distance `d` from its target.
@@ -146,7 +150,7 @@ mod tests {
     fn the_cost_rises_from_nothing_to_the_full_weight() {
         let facet = |z: f64| [[0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]];
         let ends = [&[0.25, 0.25, 10.0], &[0.25, 0.25, 0.0]];
-        let evidence = RayEvidence::new(ends, Some(0.5), 3, HARD);
+        let evidence = RayEvidence::new(ends, Some(0.5), [3, 3], HARD);
         let cost = |z: f64| {
             let [a, b, c] = facet(z);
             let cost = evidence.cost([&a, &b, &c]);
@@ -157,7 +161,7 @@ mod tests {
         };
         // 1 - exp(-1/2) = 0.39347, of 256: 100.7.
         assert_eq!([cost(0.0), cost(0.5), cost(5.0)], [0, 303, 768]);
-        let relative = RayEvidence::new(ends, None, 3, HARD);
+        let relative = RayEvidence::new(ends, None, [3, 3], HARD);
         let [a, b, c] = facet(0.1);
         assert_eq!(relative.cost([&a, &b, &c]), 303);
         let anchor = relative.anchor();
@@ -168,7 +172,7 @@ mod tests {
     #[test]
     fn a_deviation_of_zero_makes_every_facet_hard() {
         let ends = [&[0.25, 0.25, 10.0], &[0.25, 0.25, 0.0]];
-        let evidence = RayEvidence::new(ends, Some(0.0), 1, HARD);
+        let evidence = RayEvidence::new(ends, Some(0.0), [1, 1], HARD);
         let facet = [[0.0, 0.0, 1e-9], [1.0, 0.0, 1e-9], [0.0, 1.0, 1e-9]];
         let [a, b, c] = &facet;
         assert_eq!(evidence.cost([a, b, c]), UNIT);
@@ -179,7 +183,7 @@ mod tests {
     fn a_facet_that_is_far_costs_what_the_formula_says() {
         let ends = [&[0.3, -0.2, 7.0], &[0.25, 0.25, 0.0]];
         for sigma in [None, Some(0.02), Some(0.3)] {
-            let evidence = RayEvidence::new(ends, sigma, 2, HARD);
+            let evidence = RayEvidence::new(ends, sigma, [2, 2], HARD);
             for step in 1..400 {
                 let z = f64::from(step) * 0.01;
                 let [a, b, c] = [[-1.0, -1.3, 0.7 * z], [1.5, -1.0, z], [0.0, 2.0, 1.2 * z]];

@@ -1,13 +1,13 @@
-//! Rays whose points get another standard deviation.
+//! Rays whose points get another standard deviation, or another number of rays.
 //!
 //! Such a ray crosses the same cells as before. What it contributes changes near its point alone, and its anchor moves.
 
 use crate::tetrahedralization::VertexId;
 
 use super::super::{ObservationId, Space, Sum};
-use super::RayVisibility;
 use super::evidence::RayEvidence;
 use super::line::ShearedLine;
+use super::{RayVisibility, Rays};
 
 impl RayVisibility {
     /// Gives rays that the cells list other standard deviations; `sigma` is that of a point. Nothing else about them, and no cell, may
@@ -32,10 +32,10 @@ impl RayVisibility {
                     views.center(self.table.view(ray)),
                     tetrahedra.coordinates(target),
                 ];
-                let weight = self.table.weight(ray);
+                let weights = [self.table.weight(ray), self.table.support(ray)];
                 let before = self.table.sigma(ray);
                 let [before, after] =
-                    [before, sigma].map(|sigma| RayEvidence::new(ends, sigma, weight, softness));
+                    [before, sigma].map(|sigma| RayEvidence::new(ends, sigma, weights, softness));
                 self.exchange_evidence(space, ray, [before, after]);
                 if let Some(cell) = self.anchors.detach(ray.0) {
                     let weight = before.anchor_weight();
@@ -45,6 +45,36 @@ impl RayVisibility {
             }
             self.table.set_end(ray, vertex, sigma);
             self.attach(space, ray);
+        }
+    }
+
+    /// Follows a change of the total weight of the rays to points: what lies behind these counts more or less. The rays are listed by the
+    /// cells, and `support` gives the total weight for a point.
+    ///
+    /// # Complexity
+    ///
+    /// Linear in the number of rays.
+    pub(crate) fn reweigh(
+        &mut self,
+        space: &mut Space<'_>,
+        rays: &[ObservationId],
+        support: impl Fn(&Rays, u32) -> u32,
+    ) {
+        for &ray in rays {
+            let weight = |rays: &Self, space: &Space<'_>| {
+                let evidence = rays.walker(space).evidence(ray);
+                evidence.map_or(0, |evidence| evidence.anchor_weight())
+            };
+            let before = weight(self, space);
+            let support = support(&self.table, self.table.point(ray));
+            self.table.set_support(ray, support);
+            let after = weight(self, space);
+            if before != after
+                && let Some(cell) = self.anchors.cell(ray.0)
+            {
+                let evidence = &mut space.cells.evidence;
+                evidence.change(cell, Sum::Occupied, |sum| sum - before + after);
+            }
         }
     }
 

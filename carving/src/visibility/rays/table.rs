@@ -16,6 +16,8 @@ struct RayRecord {
     view: u32,
     vertex: u32,
     weight: u32,
+    /// Total weight of the rays to the point.
+    support: u32,
 }
 
 /// Stands for no standard deviation.
@@ -91,10 +93,11 @@ impl Rays {
     /// Gives a ray another number. The old one is in use until it is [released](Self::release).
     pub(super) fn renumber(&mut self, ray: ObservationId) -> ObservationId {
         let (view, point, weight) = (self.view(ray), self.point(ray), self.weight(ray));
-        let (vertex, sigma) = (self.vertex(ray), self.sigma(ray));
+        let (vertex, sigma, support) = (self.vertex(ray), self.sigma(ray), self.support(ray));
         self.unlink(ray);
         let new = self.insert(view, point, weight);
         self.set_end(new, vertex, sigma);
+        self.set_support(new, support);
         self.renumbered += 1;
         new
     }
@@ -179,6 +182,22 @@ impl Rays {
         self.records[ray.0 as usize].weight
     }
 
+    /// Total weight of the rays to the point of a ray, as of [`set_support`](Self::set_support).
+    #[inline]
+    pub(crate) fn support(&self, ray: ObservationId) -> u32 {
+        self.records[ray.0 as usize].support
+    }
+
+    pub(crate) fn set_support(&mut self, ray: ObservationId, support: u32) {
+        self.records[ray.0 as usize].support = support;
+    }
+
+    /// Total weight of the rays to a point. Linear in their number.
+    pub(crate) fn total_weight(&self, point: u32) -> u32 {
+        let weights = self.of_point(point).map(|ray| self.weight(ray));
+        weights.fold(0, u32::saturating_add)
+    }
+
     pub(crate) fn insert(&mut self, view: u32, point: u32, weight: u32) -> ObservationId {
         let grow = |firsts: &mut Vec<u32>, index: u32| {
             if firsts.len() <= index as usize {
@@ -192,6 +211,7 @@ impl Rays {
             view,
             vertex: NONE,
             weight,
+            support: weight,
         };
         let links = Links {
             point,

@@ -31,6 +31,8 @@ pub struct TracedRay {
     pub sigma: Option<f64>,
     /// Weight of the observation.
     pub weight: u32,
+    /// Total weight of the observations of the point.
+    pub support: u32,
 }
 
 /// Traces rays through cells, with reused memory.
@@ -114,7 +116,7 @@ impl RayTracer {
 
 fn evidence(ray: &TracedRay, softness: Softness) -> RayEvidence<'_> {
     let ends = [&ray.center, &ray.target];
-    RayEvidence::new(ends, ray.sigma, ray.weight, softness)
+    RayEvidence::new(ends, ray.sigma, [ray.weight, ray.support], softness)
 }
 
 /// A finite cell whose closure holds a position in the hull.

@@ -33,8 +33,8 @@ pub(super) fn evidence_of<'a>(
     let center = views.center(rays.view(ray));
     let target = tetrahedra.coordinates(VertexId::from_index(rays.vertex(ray) as usize));
     let sigma = rays.sigma(ray);
-    let weight = rays.weight(ray);
-    Some(RayEvidence::new([center, target], sigma, weight, softness))
+    let weights = [rays.weight(ray), rays.support(ray)];
+    Some(RayEvidence::new([center, target], sigma, weights, softness))
 }
 
 impl<'a> Walker<'a> {

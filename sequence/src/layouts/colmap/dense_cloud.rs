@@ -67,6 +67,11 @@ impl DenseCloud {
         }))
     }
 
+    /// The number of points, those that are not finite included.
+    pub fn point_count(&self) -> u64 {
+        self.rows.count
+    }
+
     /// The views of the model.
     pub fn views(&self) -> &[ModelView] {
         &self.views

@@ -1,0 +1,260 @@
+//! `linecarve mesh`: the mesh of a dense cloud or of a sparse model.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, bail};
+
+use crate::cli::{KnownOptions, MeshArgs};
+use crate::commands::Outcome;
+use crate::commands::heat_map::origin_of;
+use crate::progress::Verbosity;
+use crate::sinks::{surface_part, write_part};
+use crate::standard_error::say;
+use linecarve_engine::Recording;
+use linecarve_engine::configuration::Configuration;
+use linecarve_engine::options::Options;
+use linecarve_engine::run::CancelToken;
+use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, ProjectError, Split, Task};
+use linecarve_engine::tiles::{Project, carry_out_all, plan, write_mesh};
+use linecarve_engine::{Input, Reconstruction, RunOptions, Source};
+use linecarve_mesh::{GltfFrame, TriangleMesh, read_geometry};
+use linecarve_sequence::DenseCloud;
+
+use super::simplify::format_of;
+
+/// Clouds in a workspace, the first that exists: of `colmap stereo_fusion`, of `colmap automatic_reconstructor`, of `DensifyPointCloud`.
+const CLOUDS: [&str; 4] = [
+    "fused.ply",
+    "dense/fused.ply",
+    "dense/0/fused.ply",
+    "scene_dense.mvs",
+];
+/// Memory that a point of a dense cloud takes in one process, in bytes; measured on a city of a million points.
+const BYTES_OF_POINT: u64 = 2600;
+
+pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
+    let format = format_of("--out", &args.out)?;
+    let input = cloud_of(&args.input);
+    let mut options = match &args.config {
+        Some(path) => Configuration::read(path)?.options(),
+        None => Options::default(),
+    };
+    let labels = &mut options.carving.labels;
+    *labels = args.labels.map_or(*labels, Into::into);
+    for (name, became) in translate(&args.known, &mut options) {
+        if verbosity > Verbosity::Quiet {
+            say!("{name}: {became}");
+        }
+    }
+    let mesh = match is_too_large(&input)? {
+        Some(points) => {
+            if verbosity > Verbosity::Quiet {
+                say!("{points} points do not fit into the memory that is free: carving in tiles");
+            }
+            in_tiles(&input, options, &args.out)?
+        }
+        None => at_once(&input, options, verbosity)?,
+    };
+    if mesh.triangles.is_empty() {
+        return Ok(Outcome::Negative(format!(
+            "{}: the mesh is empty: its points enclose no occupied space that a ray has left",
+            input.display()
+        )));
+    }
+    let frame = GltfFrame::from(&origin_of(&mesh.positions));
+    write_part(&args.out, surface_part(&mesh), format, &frame)?;
+    if verbosity > Verbosity::Quiet {
+        let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
+        say!(
+            "{vertices} vertices, {triangles} triangles; {}",
+            args.out.display()
+        );
+    }
+    Ok(Outcome::Done)
+}
+
+/// The cloud of a workspace; other inputs are what they are.
+fn cloud_of(input: &Path) -> PathBuf {
+    let in_folder = CLOUDS.iter().map(|name| input.join(name));
+    let found = in_folder.into_iter().find(|path| path.is_file());
+    found.unwrap_or_else(|| input.to_owned())
+}
+
+fn source(input: &Path, verbosity: Verbosity) -> Input {
+    Input {
+        source: Source::MapPoints,
+        progress: verbosity.hook(),
+        ..Input::from(input)
+    }
+}
+
+/// Carves all points in this process.
+fn at_once(input: &Path, options: Options, verbosity: Verbosity) -> anyhow::Result<TriangleMesh> {
+    let recording = Recording::open(&source(input, verbosity), options)?;
+    if recording.model.is_none() {
+        bail!(
+            "{}: no points with views: give the workspace of `colmap stereo_fusion`, its fused.ply (with fused.ply.vis beside it), a \
+             sparse model, or a scene of OpenMVS; `linecarve reconstruct` makes surfaces from images",
+            input.display()
+        );
+    }
+    let run = RunOptions {
+        is_at_once: true,
+        ..RunOptions::default()
+    };
+    let mut reconstruction = Reconstruction::new(recording, run)?;
+    reconstruction.run(CancelToken::default(), &mut [])?;
+    Ok(reconstruction.surface())
+}
+
+/// Carves the points in tiles, in a folder beside the mesh that is removed afterwards.
+fn in_tiles(input: &Path, options: Options, out: &Path) -> anyhow::Result<TriangleMesh> {
+    let beside = match out.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let work = tempfile::Builder::new()
+        .prefix(".linecarve-mesh")
+        .tempdir_in(beside)
+        .with_context(|| format!("{}: a folder for the tiles", beside.display()))?;
+    let split = Split {
+        tiles: None,
+        halo: linecarve_tiles::PlanOptions::default().halo,
+        keyframes_of_task: KEYFRAMES_OF_TASK,
+    };
+    plan(
+        &source(input, Verbosity::Quiet),
+        options,
+        split,
+        work.path(),
+    )?;
+    let carry_out = |task: Task| Project::open(work.path())?.carry_out(task);
+    let (project, _) = carry_out_all::<ProjectError>(work.path(), 1, carry_out)?;
+    let (path, _) = write_mesh(&project)?;
+    Ok(read_geometry(&path)?.into_mesh())
+}
+
+/// The number of points of a dense cloud that does not fit into the memory that is free.
+fn is_too_large(input: &Path) -> anyhow::Result<Option<u64>> {
+    let (Some(cloud), Some(free)) = (DenseCloud::open(input)?, free_memory()) else {
+        return Ok(None);
+    };
+    let points = cloud.point_count();
+    Ok((points.saturating_mul(BYTES_OF_POINT) > free).then_some(points))
+}
+
+/// Memory that is free, in bytes; `None` where the system does not say.
+fn free_memory() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text
+        .lines()
+        .find(|line| line.starts_with("MemAvailable:"))?;
+    let kilobytes: u64 = line.split_ascii_whitespace().nth(1)?.parse().ok()?;
+    Some(kilobytes << 10)
+}
+
+/// Follows the options that are known from other meshers; returns the names of those given, and what each became.
+fn translate(known: &KnownOptions, options: &mut Options) -> Vec<(&'static str, String)> {
+    let mut became = Vec::new();
+    let cut = &mut options.carving.cut;
+    for (name, factor) in [
+        (
+            "--DelaunayMeshing.quality_regularization",
+            known.quality_regularization,
+        ),
+        ("--quality-factor", known.quality_factor),
+    ] {
+        if let Some(factor) = factor {
+            cut.quality_weight *= factor;
+            became.push((
+                name,
+                format!("carving.cut.quality_weight = {}", cut.quality_weight),
+            ));
+        }
+    }
+    for (name, factor) in [
+        (
+            "--DelaunayMeshing.distance_sigma_factor",
+            known.distance_sigma_factor,
+        ),
+        ("--thickness-factor", known.thickness_factor),
+    ] {
+        if let Some(factor) = factor {
+            cut.sigma_factor *= factor;
+            became.push((name, format!("standard deviations of points x {factor}")));
+        }
+    }
+    let joined = "no effect: points join within their noise, which is measured";
+    let filtered = "no effect: long triangles stay where views see them face on";
+    for (name, value, effect) in [
+        (
+            "--DelaunayMeshing.max_proj_dist",
+            known.max_proj_dist,
+            joined,
+        ),
+        (
+            "--DelaunayMeshing.max_depth_dist",
+            known.max_depth_dist,
+            joined,
+        ),
+        ("--min-point-distance", known.min_point_distance, joined),
+        (
+            "--DelaunayMeshing.visibility_sigma",
+            known.visibility_sigma,
+            "no effect: the weight of a point follows its number of views",
+        ),
+        (
+            "--DelaunayMeshing.max_side_length_factor",
+            known.max_side_length_factor,
+            filtered,
+        ),
+    ] {
+        if value.is_some() {
+            became.push((name, effect.to_owned()));
+        }
+    }
+    became
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn known_options_become_parameters_or_are_said_to_have_no_effect() {
+        let mut options = Options::default();
+        let known = KnownOptions {
+            quality_regularization: Some(4.0),
+            thickness_factor: Some(2.0),
+            max_proj_dist: Some(20.0),
+            ..KnownOptions::default()
+        };
+        let names: Vec<_> = translate(&known, &mut options)
+            .into_iter()
+            .map(|(name, _)| name)
+            .collect();
+        let expected = [
+            "--DelaunayMeshing.quality_regularization",
+            "--thickness-factor",
+            "--DelaunayMeshing.max_proj_dist",
+        ];
+        assert_eq!(names, expected);
+        assert_eq!(
+            options.carving.cut.quality_weight,
+            4.0 * Options::default().carving.cut.quality_weight
+        );
+        assert_eq!(options.carving.cut.sigma_factor, 2.0);
+    }
+
+    #[test]
+    fn the_cloud_of_a_workspace_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(cloud_of(folder.path()), folder.path());
+        std::fs::create_dir_all(folder.path().join("dense/0")).unwrap();
+        std::fs::write(folder.path().join("dense/0/fused.ply"), "ply").unwrap();
+        assert_eq!(
+            cloud_of(folder.path()),
+            folder.path().join("dense/0/fused.ply")
+        );
+    }
+}

@@ -1,0 +1,59 @@
+//! `linecarve mesh`: dense clouds and sparse models in one command.
+
+use crate::program::{colmap_relief, expect_status, text};
+
+#[test]
+fn a_workspace_gives_the_mesh_of_its_cloud() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let city = path("city");
+    let synth = ["synth", "city", "--points", "3000", "-q", "--out"];
+    expect_status(0, synth.into_iter().chain([text(&city)]));
+    let mesh = path("mesh.ply");
+    let output = expect_status(
+        0,
+        [
+            "mesh",
+            text(&city),
+            "--out",
+            text(&mesh),
+            "--thickness-factor",
+            "1",
+        ],
+    );
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        said.contains("--thickness-factor: standard deviations"),
+        "{said}"
+    );
+    let cloud = city.join("fused.ply");
+    let whole = path("whole");
+    let reconstruct = ["reconstruct", text(&cloud), "--from", "map-points"];
+    let how = [
+        "--final-only",
+        "--format",
+        "ply",
+        "--no-page",
+        "--no-picture",
+        "-q",
+    ];
+    let to = ["--out", text(&whole)];
+    expect_status(0, reconstruct.into_iter().chain(how).chain(to));
+    let bytes = std::fs::read(&mesh).unwrap();
+    assert!(bytes == std::fs::read(whole.join("mesh.ply")).unwrap());
+}
+
+#[test]
+fn a_sparse_model_gives_a_mesh_and_other_names_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let model = path("model");
+    colmap_relief(&model, [0.0; 3]);
+    let mesh = path("mesh.glb");
+    expect_status(0, ["mesh", text(&model), "--out", text(&mesh), "-q"]);
+    assert!(std::fs::read(&mesh).unwrap().starts_with(b"glTF"));
+    let other = path("mesh.stl");
+    expect_status(2, ["mesh", text(&model), "--out", text(&other)]);
+    let missing = path("missing");
+    expect_status(2, ["mesh", text(&missing), "--out", text(&mesh)]);
+}
