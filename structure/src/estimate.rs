@@ -1,0 +1,151 @@
+//! Planes measured: robust least squares with a covariance that holds for correlated errors.
+//!
+//! Vertices of a mesh near each other have errors in common: they come from the same depth images, from the same pose, from the same
+//! calibration. Their number says nothing then. The plane is divided into blocks, the equations of each block are summed, and the
+//! covariance follows from how much these sums scatter.
+//!
+//! # Reference
+//! H. White, *A heteroskedasticity-consistent covariance matrix estimator*, Econometrica 48, 1980, by blocks as in T. Conley, *GMM
+//! estimation with cross sectional dependence*, Journal of Econometrics 92, 1999.
+
+use nalgebra::{Matrix2, Matrix3, Point3, Vector3};
+
+use crate::plane::Plane;
+
+/// Blocks along the longer side of a plane; the partition with the largest variance counts.
+const BLOCKS: [f64; 3] = [4.0, 6.0, 10.0];
+/// Residuals beyond this many standard deviations count less (Huber 1964).
+const HUBER: f64 = 1.345;
+const ROUNDS: usize = 8;
+
+/// A plane with its uncertainty.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measured {
+    pub(crate) plane: Plane,
+    /// Covariance of the height at the centre, and of the slopes along both axes of the plane.
+    pub(crate) covariance: Matrix3<f64>,
+    /// Root mean square distance of the vertices.
+    pub(crate) rms: f64,
+}
+
+impl Measured {
+    /// Covariance of the slopes alone.
+    pub(crate) fn slopes(&self) -> Matrix2<f64> {
+        self.covariance.fixed_view::<2, 2>(1, 1).into_owned()
+    }
+
+    /// Standard deviation of the position of the plane across itself, at its centre.
+    pub(crate) fn sigma(&self) -> f64 {
+        self.covariance[(0, 0)].max(0.0).sqrt()
+    }
+
+    /// The variance of the height of the plane at a position, seen along its normal.
+    pub(crate) fn variance_at(&self, position: &Point3<f64>) -> f64 {
+        let [u, v] = self.plane.coordinates(position, &self.plane.axes());
+        let row = Vector3::new(1.0, u, v);
+        (row.transpose() * self.covariance * row)[0].max(0.0)
+    }
+}
+
+/// Fits a plane to positions near a first one. `least` bounds the standard deviation of a single position from below.
+///
+/// # Complexity
+/// Linear.
+pub(crate) fn measure(first: &Plane, positions: &[Point3<f64>], least: f64) -> Measured {
+    let mut plane = *first;
+    let center =
+        positions.iter().map(|it| it.coords).sum::<Vector3<f64>>() / positions.len() as f64;
+    plane = Plane::new(plane.normal, center.into());
+    let mut weights = vec![1.0; positions.len()];
+    for _ in 0..ROUNDS {
+        let (normal_matrix, right) = equations(&plane, positions, &weights);
+        let Some(solution) = normal_matrix.try_inverse().map(|inverse| inverse * right) else {
+            break;
+        };
+        let axes = plane.axes();
+        let normal = plane.normal - solution.y * axes[0] - solution.z * axes[1];
+        plane = Plane::new(normal, plane.center + solution.x * plane.normal);
+        let mut sizes: Vec<f64> = positions
+            .iter()
+            .map(|it| plane.distance(it).abs())
+            .collect();
+        let median = linecarve_lines::upper_median(&mut sizes, f64::total_cmp);
+        let scale = (1.4826 * median.unwrap_or(0.0)).max(least);
+        for (weight, position) in weights.iter_mut().zip(positions) {
+            *weight = (HUBER * scale / plane.distance(position).abs()).min(1.0);
+        }
+    }
+    let squares = positions
+        .iter()
+        .map(|it| plane.distance(it).powi(2))
+        .sum::<f64>();
+    let covariances = BLOCKS.map(|blocks| covariance(&plane, positions, &weights, least, blocks));
+    let largest = covariances
+        .iter()
+        .max_by(|a, b| a[(0, 0)].total_cmp(&b[(0, 0)]));
+    Measured {
+        plane,
+        covariance: largest.copied().unwrap_or_else(Matrix3::zeros),
+        rms: (squares / positions.len() as f64).sqrt(),
+    }
+}
+
+/// The normal equations of the heights over a plane.
+fn equations(
+    plane: &Plane,
+    positions: &[Point3<f64>],
+    weights: &[f64],
+) -> (Matrix3<f64>, Vector3<f64>) {
+    let axes = plane.axes();
+    let mut sums = (Matrix3::zeros(), Vector3::zeros());
+    for (position, weight) in positions.iter().zip(weights) {
+        let [u, v] = plane.coordinates(position, &axes);
+        let row = Vector3::new(1.0, u, v);
+        sums.0 += *weight * row * row.transpose();
+        sums.1 += *weight * plane.distance(position) * row;
+    }
+    sums
+}
+
+/// The covariance of height and slopes from the scatter of blocks, as many along the longer side.
+fn covariance(
+    plane: &Plane,
+    positions: &[Point3<f64>],
+    weights: &[f64],
+    least: f64,
+    blocks: f64,
+) -> Matrix3<f64> {
+    let axes = plane.axes();
+    let flat: Vec<[f64; 2]> = positions
+        .iter()
+        .map(|it| plane.coordinates(it, &axes))
+        .collect();
+    let extent = |axis: usize| {
+        let values = flat.iter().map(|it| it[axis]);
+        let range = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), it| {
+            (a.min(it), b.max(it))
+        });
+        (range.0, range.1 - range.0)
+    };
+    let [(low_u, width), (low_v, height)] = [0, 1].map(extent);
+    let side = (width.max(height) / blocks).max(f64::MIN_POSITIVE);
+    let mut sums: std::collections::BTreeMap<[i64; 2], Vector3<f64>> = Default::default();
+    let mut normal_matrix = Matrix3::zeros();
+    let mut own = Matrix3::zeros();
+    for ((position, weight), [u, v]) in positions.iter().zip(weights).zip(&flat) {
+        let row = Vector3::new(1.0, *u, *v);
+        let block = [(u - low_u) / side, (v - low_v) / side].map(|it| it.floor() as i64);
+        let score = *weight * plane.distance(position) * row;
+        *sums.entry(block).or_insert_with(Vector3::zeros) += score;
+        normal_matrix += *weight * row * row.transpose();
+        own += (*weight * least).powi(2) * row * row.transpose();
+    }
+    let Some(inverse) = normal_matrix.try_inverse() else {
+        return Matrix3::identity() * f64::MAX.sqrt();
+    };
+    let count = sums.len() as f64;
+    let scatter: Matrix3<f64> = sums.values().map(|it| it * it.transpose()).sum();
+    // Three parameters were fitted to the blocks.
+    let freedom = count / (count - 3.0).max(1.0);
+    inverse * (freedom * scatter + own) * inverse
+}

@@ -1,0 +1,509 @@
+//! From a mesh to planes, polygons and what they measure.
+
+use linecarve_mesh::TriangleMesh;
+use nalgebra::{Point3, Vector3};
+
+use crate::border::{Chain, chains, place};
+use crate::directions::{Directions, align, directions};
+use crate::estimate::{Measured, measure};
+use crate::grow::{grow, mean_normal, noise};
+use crate::kind::{Kind, kinds};
+use crate::label::{Labels, REST, Tolerances, clean, complete, components};
+use crate::measures::{Angle, Distance, angles, distances};
+use crate::merge::merge;
+use crate::plane::Plane;
+use crate::polygon::{Filled, fill, rings};
+use crate::straighten::{Straightener, lines_in};
+use crate::surface::Surface;
+
+/// Rounds in which polygons whose rings cross lose their straight borders, and then their plane.
+const ROUNDS: usize = 8;
+
+/// How a structure is found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StructureOptions {
+    /// About up in the frame of the mesh.
+    pub up: Vector3<f64>,
+    /// Polygons at most: the largest ones.
+    pub most_polygons: usize,
+}
+
+impl Default for StructureOptions {
+    /// Up is against y, as in the frame of a camera that is held level; 500 polygons.
+    fn default() -> Self {
+        Self {
+            up: -Vector3::y(),
+            most_polygons: 500,
+        }
+    }
+}
+
+/// A plane of a structure.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StructurePlane {
+    /// Unit normal, towards free space.
+    pub normal: Vector3<f64>,
+    /// `normal · x` of positions on the plane.
+    pub offset: f64,
+    /// Where it was measured: the mean of its vertices, on the plane.
+    pub center: Point3<f64>,
+    /// Area of its polygons.
+    pub area: f64,
+    /// Root mean square distance of the vertices of the mesh to it.
+    pub rms: f64,
+    /// Standard deviation of its offset at the centre.
+    pub sigma: f64,
+    /// What it seems to be.
+    pub kind: Kind,
+    /// Whether its normal is one of the main directions.
+    pub is_aligned: bool,
+    /// Mean sRGB colour of its vertices, when the mesh has colours.
+    pub color: Option<[u8; 3]>,
+}
+
+/// A polygon with holes in a plane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Polygon {
+    /// Number of its plane.
+    pub plane: u32,
+    /// The outer ring, counter-clockwise seen from free space, and the rings of holes, clockwise: numbers of vertices. Polygons that
+    /// meet have the same vertices along their common border.
+    pub rings: Vec<Vec<u32>>,
+    /// Its triangles, without further vertices.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Planes and polygons of a surface, and the triangles that lie on none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Structure {
+    /// Vertices, in the frame of the mesh.
+    pub positions: Vec<Point3<f64>>,
+    /// sRGB colours of vertices, when the mesh has colours.
+    pub colors: Option<Vec<[u8; 3]>>,
+    /// Planes, by descending area.
+    pub planes: Vec<StructurePlane>,
+    /// Polygons, by plane.
+    pub polygons: Vec<Polygon>,
+    /// Triangles that lie on no plane.
+    pub rest: Vec<[u32; 3]>,
+    /// Distances between parallel planes.
+    pub distances: Vec<Distance>,
+    /// Angles between other planes.
+    pub angles: Vec<Angle>,
+    /// Three main directions at right angles, the third one up, when planes have them.
+    pub main_directions: Option<[Vector3<f64>; 3]>,
+    /// Up: the main direction, or what the options say.
+    pub up: Vector3<f64>,
+    /// Standard deviation of the mesh across its flat parts.
+    pub noise: f64,
+    /// Area of the mesh.
+    pub mesh_area: f64,
+}
+
+impl Structure {
+    /// Polygons and rest as triangles.
+    pub fn mesh(&self) -> TriangleMesh {
+        let polygons = self.polygons.iter().flat_map(|it| &it.triangles);
+        TriangleMesh {
+            positions: self.positions.clone(),
+            triangles: polygons.chain(&self.rest).copied().collect(),
+            colors: None,
+        }
+    }
+
+    /// Area of triangles.
+    pub fn area_of(&self, triangles: &[[u32; 3]]) -> f64 {
+        let areas = triangles.iter().map(|it| {
+            let [a, b, c] = it.map(|corner| self.positions[corner as usize]);
+            0.5 * (b - a).cross(&(c - a)).norm()
+        });
+        areas.sum()
+    }
+}
+
+/// Finds planes and polygons in a mesh. `segments` are known straight edges, such as clusters of 3D line segments: borders that run along
+/// them are moved onto them.
+///
+/// # Complexity
+/// O(n log n) in the triangles, quadratic in planes and in the corners of a polygon.
+pub fn structure(
+    mesh: &TriangleMesh,
+    segments: &[[Point3<f64>; 2]],
+    options: &StructureOptions,
+) -> Structure {
+    let origin = center_of(&mesh.positions);
+    let mut mesh = mesh.clone();
+    mesh.translate(&-origin);
+    let segments: Vec<[Point3<f64>; 2]> = segments
+        .iter()
+        .map(|ends| ends.map(|end| end - origin))
+        .collect();
+    let surface = Surface::new(&mesh);
+    let mut found = Finder::new(&surface, options).structure(&segments);
+    found.positions.iter_mut().for_each(|it| *it += origin);
+    for plane in &mut found.planes {
+        plane.center += origin;
+        plane.offset += plane.normal.dot(&origin);
+    }
+    found
+}
+
+/// The middle of the bounding box, so that sums of coordinates are accurate.
+fn center_of(positions: &[Point3<f64>]) -> Vector3<f64> {
+    let Some(first) = positions.first() else {
+        return Vector3::zeros();
+    };
+    let bounds = positions
+        .iter()
+        .fold((*first, *first), |(a, b), it| (a.inf(it), b.sup(it)));
+    nalgebra::center(&bounds.0, &bounds.1).coords
+}
+
+struct Finder<'a> {
+    surface: &'a Surface,
+    options: &'a StructureOptions,
+    tolerances: Tolerances,
+    measured: Vec<Measured>,
+    planes: Vec<Plane>,
+    is_aligned: Vec<bool>,
+    directions: Option<Directions>,
+    labels: Labels,
+}
+
+/// What the rings of all components came to.
+struct Attempt {
+    component: Vec<u32>,
+    plane_of: Vec<u32>,
+    positions: Vec<Point3<f64>>,
+    filled: Vec<Result<Filled, Vec<u32>>>,
+}
+
+impl<'a> Finder<'a> {
+    fn new(surface: &'a Surface, options: &'a StructureOptions) -> Self {
+        let sigma = noise(surface);
+        let tolerances = Tolerances {
+            sigma,
+            edge: (0.5 * surface.edge_length).max(sigma),
+        };
+        let regions = merge(grow(surface, sigma), sigma);
+        let mut labels = vec![REST; surface.triangles.len()];
+        for (number, region) in (0..).zip(&regions) {
+            region
+                .triangles
+                .iter()
+                .for_each(|it| labels[*it as usize] = number);
+        }
+        let measured: Vec<Measured> = (regions.iter())
+            .map(|region| {
+                measure(
+                    &region.plane,
+                    &samples(surface, &labels, &region.triangles),
+                    sigma / 10.0,
+                )
+            })
+            .collect();
+        let areas: Vec<f64> = (regions.iter())
+            .map(|region| mean_normal(surface, &region.triangles).norm())
+            .collect();
+        let directions = directions(&measured, &areas, &options.up);
+        let aligned = |it: &Measured| directions.as_ref().and_then(|found| align(it, found));
+        let aligned: Vec<Option<Plane>> = measured.iter().map(aligned).collect();
+        let planes = aligned
+            .iter()
+            .zip(&measured)
+            .map(|(it, own)| it.unwrap_or(own.plane));
+        Self {
+            surface,
+            options,
+            tolerances,
+            planes: planes.collect(),
+            is_aligned: aligned.iter().map(Option::is_some).collect(),
+            measured,
+            directions,
+            labels,
+        }
+    }
+
+    /// Area of the triangles of each plane.
+    fn areas(&self) -> Vec<f64> {
+        let mut areas = vec![0.0; self.planes.len()];
+        for (label, area) in self.labels.iter().zip(&self.surface.areas) {
+            if *label != REST {
+                areas[*label as usize] += area;
+            }
+        }
+        areas
+    }
+
+    fn structure(mut self, segments: &[[Point3<f64>; 2]]) -> Structure {
+        complete(
+            self.surface,
+            &self.planes,
+            &mut self.labels,
+            &self.tolerances,
+        );
+        // Where rings crossed: borders there are not straightened any more, and then triangles there lose their plane.
+        let mut is_raw = vec![false; self.surface.positions.len()];
+        for round in 1.. {
+            let attempt = self.attempt(segments, &is_raw);
+            let mut is_complete = true;
+            let faults = (0..)
+                .zip(&attempt.filled)
+                .filter_map(|(it, filled)| Some((it, filled.as_ref().err()?)));
+            let mut next_raw = is_raw.clone();
+            for (component, vertices) in faults {
+                is_complete = false;
+                for &vertex in vertices {
+                    if is_raw[vertex as usize] {
+                        for triangle in self.surface.triangles_at(vertex) {
+                            if attempt.component[*triangle as usize] == component {
+                                self.labels[*triangle as usize] = REST;
+                            }
+                        }
+                    }
+                    next_raw[vertex as usize] = true;
+                }
+                if round >= ROUNDS {
+                    let own = attempt.component.iter().zip(&mut self.labels);
+                    own.filter(|it| *it.0 == component)
+                        .for_each(|it| *it.1 = REST);
+                }
+            }
+            is_raw = next_raw;
+            if is_complete {
+                return self.finish(attempt);
+            }
+        }
+        unreachable!("in every round after the last one a polygon is lost")
+    }
+
+    fn attempt(&mut self, segments: &[[Point3<f64>; 2]], is_raw: &[bool]) -> Attempt {
+        let surface = self.surface;
+        let most = self.options.most_polygons;
+        clean(
+            surface,
+            &self.planes,
+            &mut self.labels,
+            &self.tolerances,
+            most,
+        );
+        let areas = self.areas();
+        let mut positions = place(
+            surface,
+            &self.planes,
+            &areas,
+            &mut self.labels,
+            &self.tolerances,
+        );
+        let (component, plane_of) = self.polygons();
+        let chains = chains(surface, &component);
+        let tolerance = self
+            .tolerances
+            .across()
+            .max(0.5 * border_length(surface, &chains));
+        let lines: Vec<_> = (self.planes.iter())
+            .map(|plane| lines_in(plane, segments, tolerance))
+            .collect();
+        let straightener = Straightener {
+            planes: &self.planes,
+            plane_of: &plane_of,
+            lines: &lines,
+            tolerance,
+        };
+        let mut is_corner = vec![false; positions.len()];
+        for chain in &chains {
+            let is_raw = chain.vertices.iter().any(|it| is_raw[*it as usize]);
+            straightener.straighten(chain, is_raw, &mut positions, &mut is_corner);
+        }
+        let rings = rings(surface, &component, plane_of.len(), &is_corner);
+        let filled = rings.iter().zip(&plane_of);
+        let filled = filled.map(|(it, plane)| fill(it, &positions, &self.planes[*plane as usize]));
+        Attempt {
+            filled: filled.collect(),
+            component,
+            plane_of,
+            positions,
+        }
+    }
+
+    /// The component of each triangle, [`REST`] without a plane, and the plane of each component.
+    fn polygons(&self) -> (Vec<u32>, Vec<u32>) {
+        let (mut of, count) = components(self.surface, &self.labels);
+        let mut number = vec![REST; count];
+        let mut plane_of = Vec::new();
+        for (component, label) in of.iter_mut().zip(&self.labels) {
+            let known = &mut number[*component as usize];
+            if *label != REST && *known == REST {
+                *known = plane_of.len() as u32;
+                plane_of.push(*label);
+            }
+            *component = *known;
+        }
+        (of, plane_of)
+    }
+
+    fn finish(&self, attempt: Attempt) -> Structure {
+        let areas = self.areas();
+        let mut order: Vec<u32> = attempt.plane_of.clone();
+        order.sort_by(|a, b| {
+            areas[*b as usize]
+                .total_cmp(&areas[*a as usize])
+                .then(a.cmp(b))
+        });
+        order.dedup();
+        let mut polygons: Vec<Polygon> = Vec::new();
+        for (filled, plane) in attempt.filled.into_iter().zip(&attempt.plane_of) {
+            let Ok(filled) = filled else { continue };
+            let place = order.iter().position(|it| it == plane).unwrap_or(0);
+            polygons.push(Polygon {
+                plane: place as u32,
+                rings: filled.rings,
+                triangles: filled.triangles,
+            });
+        }
+        polygons.sort_by_key(|it| it.plane);
+        let rest = self.surface.triangles.iter().zip(&attempt.component);
+        let mut rest: Vec<[u32; 3]> = rest.filter(|it| *it.1 == REST).map(|it| *it.0).collect();
+        let (positions, colors) =
+            compact(self.surface, &attempt.positions, &mut polygons, &mut rest);
+        let up = self
+            .directions
+            .map_or(self.options.up.normalize(), |it| it.axes[2]);
+        let colors_of = self.plane_colors(&order);
+        let planes = order.iter().zip(colors_of).map(|(&number, color)| {
+            let (plane, measured) = (
+                &self.planes[number as usize],
+                &self.measured[number as usize],
+            );
+            StructurePlane {
+                normal: plane.normal,
+                offset: plane.offset,
+                center: plane.center,
+                area: 0.0,
+                rms: measured.rms,
+                sigma: measured.sigma(),
+                kind: Kind::Other,
+                is_aligned: self.is_aligned[number as usize],
+                color,
+            }
+        });
+        let mut found = Structure {
+            positions,
+            colors,
+            planes: planes.collect(),
+            polygons,
+            rest,
+            distances: Vec::new(),
+            angles: Vec::new(),
+            main_directions: self.directions.map(|it| it.axes),
+            up,
+            noise: self.tolerances.sigma,
+            mesh_area: self.surface.areas.iter().sum(),
+        };
+        for polygon in 0..found.polygons.len() {
+            let own = &found.polygons[polygon];
+            let (plane, area) = (own.plane as usize, found.area_of(&own.triangles));
+            found.planes[plane].area += area;
+        }
+        for (plane, kind) in kinds(&found).into_iter().enumerate() {
+            found.planes[plane].kind = kind;
+        }
+        let measured: Vec<Measured> = order.iter().map(|it| self.measured[*it as usize]).collect();
+        found.distances = distances(&found, &measured, self.directions.as_ref());
+        found.angles = angles(&found, &measured);
+        found
+    }
+
+    /// Mean colour of the vertices of each plane.
+    fn plane_colors(&self, order: &[u32]) -> Vec<Option<[u8; 3]>> {
+        let mut sums = vec![(0_u64, [0_u64; 3]); self.planes.len()];
+        let Some(colors) = &self.surface.colors else {
+            return vec![None; order.len()];
+        };
+        for (triangle, label) in self.surface.triangles.iter().zip(&self.labels) {
+            if *label == REST {
+                continue;
+            }
+            let (count, sum) = &mut sums[*label as usize];
+            for corner in triangle {
+                *count += 1;
+                let color = colors[*corner as usize];
+                (0..3).for_each(|channel| sum[channel] += u64::from(color[channel]));
+            }
+        }
+        let mean = |it: &u32| {
+            let (count, sum) = sums[*it as usize];
+            Some(sum.map(|channel| (channel / count.max(1)) as u8))
+        };
+        order.iter().map(mean).collect()
+    }
+}
+
+/// The positions of a plane's vertices: those around which all triangles lie on it, or all when these are few.
+fn samples(surface: &Surface, labels: &Labels, triangles: &[u32]) -> Vec<Point3<f64>> {
+    let mut vertices: Vec<u32> = triangles
+        .iter()
+        .flat_map(|it| surface.triangles[*it as usize])
+        .collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let label = labels[triangles[0] as usize];
+    let is_inside = |vertex: &u32| {
+        let around = surface.triangles_at(*vertex);
+        around.iter().all(|it| labels[*it as usize] == label)
+    };
+    let inside: Vec<u32> = vertices.iter().copied().filter(is_inside).collect();
+    let few = inside.len() < 12;
+    let used = if few { &vertices } else { &inside };
+    used.iter()
+        .map(|it| surface.positions[*it as usize])
+        .collect()
+}
+
+/// Median length of the edges of borders beside triangles of no plane and at the end of the surface.
+fn border_length(surface: &Surface, chains: &[Chain]) -> f64 {
+    let mut lengths = Vec::new();
+    for chain in chains
+        .iter()
+        .filter(|it| it.around.len() == 1 || it.around.contains(&REST))
+    {
+        for ends in chain.vertices.windows(2) {
+            let [a, b] = [ends[0], ends[1]].map(|it| surface.positions[it as usize]);
+            lengths.push((b - a).norm());
+        }
+    }
+    linecarve_lines::upper_median(&mut lengths, f64::total_cmp).unwrap_or(surface.edge_length)
+}
+
+/// Numbers used vertices anew, in the order of the surface, and returns their positions and colours.
+fn compact(
+    surface: &Surface,
+    all: &[Point3<f64>],
+    polygons: &mut [Polygon],
+    rest: &mut [[u32; 3]],
+) -> (Vec<Point3<f64>>, Option<Vec<[u8; 3]>>) {
+    let mut number = vec![REST; all.len()];
+    let in_polygons = polygons.iter().flat_map(|it| it.rings.iter().flatten());
+    for vertex in in_polygons.chain(rest.iter().flatten()) {
+        number[*vertex as usize] = 0;
+    }
+    let mut positions = Vec::new();
+    let mut colors = surface.colors.as_ref().map(|_| Vec::new());
+    for vertex in 0..all.len() {
+        if number[vertex] == REST {
+            continue;
+        }
+        number[vertex] = positions.len() as u32;
+        positions.push(all[vertex]);
+        if let (Some(colors), Some(given)) = (&mut colors, &surface.colors) {
+            colors.push(given[vertex]);
+        }
+    }
+    let renumber = |vertex: &mut u32| *vertex = number[*vertex as usize];
+    for polygon in polygons {
+        polygon.rings.iter_mut().flatten().for_each(renumber);
+        polygon.triangles.iter_mut().flatten().for_each(renumber);
+    }
+    rest.iter_mut().flatten().for_each(renumber);
+    (positions, colors)
+}
