@@ -35,10 +35,11 @@ pub(crate) fn chains(surface: &Surface, component: &[u32]) -> Vec<Chain> {
     for_each_edge(&surface.triangles, surface.positions.len(), |ends, uses| {
         let mut around: Vec<u32> = uses.iter().map(|it| component[*it as usize / 3]).collect();
         around.sort_unstable();
-        let first = uses[0] as usize;
-        let is_inside = uses.len() == 2
-            && around[0] == around[1]
-            && surface.across[first / 3][first % 3].is_some();
+        let is_inside = uses.iter().all(|it| {
+            let (triangle, edge) = (*it as usize / 3, *it as usize % 3);
+            let across = surface.across[triangle][edge];
+            across.is_some_and(|it| component[it as usize] == component[triangle])
+        });
         if !is_inside && around[0] != REST {
             edges.push((ends, around));
         }

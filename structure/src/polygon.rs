@@ -68,7 +68,7 @@ pub(crate) struct Filled {
     pub(crate) triangles: Vec<[u32; 3]>,
 }
 
-/// Triangulates the inside of rings.
+/// Triangulates the inside of rings. `is_hole` is asked whether a ring with twice this area is a hole; else it is closed.
 ///
 /// # Errors
 /// Where rings cross or touch themselves or each other, or turn the wrong way: the vertices there.
@@ -79,43 +79,44 @@ pub(crate) fn fill(
     rings: &[Vec<u32>],
     positions: &[Point3<f64>],
     plane: &Plane,
+    is_hole: impl Fn(&[u32], f64) -> bool,
 ) -> Result<Filled, Vec<u32>> {
     let axes = plane.axes();
     let flat = |it: &u32| plane.coordinates(&positions[*it as usize], &axes);
-    let mut rings: Vec<Vec<u32>> = rings.iter().filter(|it| !it.is_empty()).cloned().collect();
-    // Holes that became a line are closed.
-    let outer = (0..rings.len()).max_by(|a, b| {
-        area(&rings[*a], flat)
-            .total_cmp(&area(&rings[*b], flat))
-            .then(b.cmp(a))
-    });
-    rings.swap(0, outer.unwrap_or(0));
-    let first = rings.first().cloned().unwrap_or_default();
-    let mut index = 0;
-    rings.retain(|it| {
-        index += 1;
-        index == 1 || it.len() >= 3
-    });
-    rings[1..].sort_by_key(|it| it.iter().min().copied());
-    if area(&first, flat) <= 0.0 {
-        return Err(rings.concat());
+    // The largest ring is the outer one.
+    let mut areas: Vec<(f64, &Vec<u32>)> = rings.iter().map(|it| (area(it, flat), it)).collect();
+    areas.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(b.1)));
+    let is_hole = |it: &(f64, &Vec<u32>)| it.1.len() >= 3 && is_hole(it.1, -it.0);
+    let mut kept: Vec<(f64, &Vec<u32>)> = areas.iter().take(1).copied().collect();
+    kept.extend(areas.iter().skip(1).copied().filter(is_hole));
+    let mut faults: Vec<u32> = Vec::new();
+    for (index, (area, ring)) in kept.iter().enumerate() {
+        if (index == 0) != (*area > 0.0) || *area == 0.0 {
+            faults.extend(*ring);
+        }
     }
-    if let Some(wrong) = rings[1..].iter().find(|it| area(it, flat) >= 0.0) {
-        return Err(wrong.clone());
-    }
+    let rings: Vec<Vec<u32>> = kept.into_iter().map(|it| it.1.clone()).collect();
     let mut sides: Vec<[u32; 2]> = Vec::new();
     for ring in &rings {
         let next = ring.iter().cycle().skip(1);
         sides.extend(ring.iter().zip(next).map(|(a, b)| [*a, *b]));
     }
-    let crossing = crossing_sides(&sides, flat);
-    if !crossing.is_empty() {
-        return Err(crossing);
+    faults.extend(crossing_sides(&sides, flat));
+    faults.extend(crossing_at_vertices(&rings, flat));
+    if !faults.is_empty() {
+        faults.sort_unstable();
+        faults.dedup();
+        return Err(faults);
+    }
+    let outside = stray_holes(&rings, flat);
+    if !outside.is_empty() {
+        return Err(outside);
     }
     let triangles = triangulate(&sides, flat).ok_or_else(|| rings.concat())?;
     Ok(Filled { rings, triangles })
 }
 
+/// Twice the area that a ring encloses.
 fn area(ring: &[u32], flat: impl Fn(&u32) -> [f64; 2]) -> f64 {
     doubled_area(&ring.iter().map(flat).collect::<Vec<_>>())
 }
@@ -141,6 +142,43 @@ fn crossing_sides(sides: &[[u32; 2]], flat: impl Fn(&u32) -> [f64; 2]) -> Vec<u3
     }
     found.sort_unstable();
     found.dedup();
+    found
+}
+
+/// The vertices where rings cross themselves or each other in a common vertex, with the vertices beside them.
+fn crossing_at_vertices(rings: &[Vec<u32>], flat: impl Fn(&u32) -> [f64; 2]) -> Vec<u32> {
+    // A vertex with the ones before and after it.
+    let mut passes: Vec<[u32; 3]> = Vec::new();
+    for ring in rings {
+        let count = ring.len();
+        passes.extend((0..count).map(|it| [0, count - 1, 1].map(|by| ring[(it + by) % count])));
+    }
+    passes.sort_unstable();
+    let angle = |at: &u32, to: &u32| {
+        let [a, b] = [flat(at), flat(to)];
+        (b[1] - a[1]).atan2(b[0] - a[0])
+    };
+    let mut found = Vec::new();
+    for same in passes
+        .chunk_by(|a, b| a[0] == b[0])
+        .filter(|it| it.len() > 1)
+    {
+        for [at, before, after] in same {
+            // The inside lies between the way on and the way back, counter-clockwise.
+            let from = angle(at, after);
+            let sector = |to: &u32| (angle(at, to) - from).rem_euclid(std::f64::consts::TAU);
+            let width = sector(before);
+            let others = same.iter().filter(|it| it[1] != *before || it[2] != *after);
+            let is_crossed = |it: &[u32; 3]| {
+                it[1..]
+                    .iter()
+                    .any(|it| sector(it) > 0.0 && sector(it) < width)
+            };
+            for other in others.filter(|it| is_crossed(it)) {
+                found.extend([*at, *before, *after, other[1], other[2]]);
+            }
+        }
+    }
     found
 }
 
@@ -174,6 +212,34 @@ fn meets(one: &[u32; 2], other: &[u32; 2], a: &[[f64; 2]; 2], b: &[[f64; 2]; 2])
     let [c, d] = [turn(&a[0], &a[1], &b[0]), turn(&a[0], &a[1], &b[1])];
     let [e, f] = [turn(&b[0], &b[1], &a[0]), turn(&b[0], &b[1], &a[1])];
     c * d <= 0 && e * f <= 0
+}
+
+/// The vertices of holes that lie outside the first ring, or inside another hole.
+fn stray_holes(rings: &[Vec<u32>], flat: impl Fn(&u32) -> [f64; 2]) -> Vec<u32> {
+    let contains = |ring: &[u32], [x, y]: [f64; 2]| {
+        let next = ring.iter().cycle().skip(1);
+        let sides = ring.iter().zip(next).map(|(a, b)| [flat(a), flat(b)]);
+        let crossed = sides.filter(|[a, b]| {
+            (a[1] > y) != (b[1] > y) && x < (b[0] - a[0]) * (y - a[1]) / (b[1] - a[1]) + a[0]
+        });
+        crossed.count() % 2 == 1
+    };
+    let mut found = Vec::new();
+    for (index, hole) in rings.iter().enumerate().skip(1) {
+        // A vertex that no other ring has.
+        let own = |it: &&u32| rings.iter().filter(|ring| ring.contains(it)).count() == 1;
+        let Some(at) = hole.iter().find(own).map(&flat) else {
+            continue;
+        };
+        let others = rings.iter().enumerate().skip(1);
+        let is_nested = others
+            .filter(|it| it.0 != index)
+            .any(|it| contains(it.1, at));
+        if is_nested || !contains(&rings[0], at) {
+            found.extend(hole);
+        }
+    }
+    found
 }
 
 /// The constrained Delaunay triangulation of what lies to the left of sides, which do not cross; `None` when they do.
@@ -271,17 +337,31 @@ mod tests {
             .collect();
         assert!(doubled_area(&ring) > 0.0);
         hole.reverse();
-        let filled = fill(&[hole.clone(), outer.clone()], &positions, &ground()).unwrap();
+        let filled = fill(
+            &[hole.clone(), outer.clone()],
+            &positions,
+            &ground(),
+            |_, _| true,
+        )
+        .unwrap();
         assert_eq!(filled.rings, [outer.clone(), hole.clone()]);
         assert_eq!(filled.triangles.len(), 8);
         assert!((area(&positions, &filled.triangles) - 15.0).abs() < 1e-12);
         // A hole that turns like the outer ring, and one that leaves it.
         hole.reverse();
-        assert!(fill(&[outer.clone(), hole.clone()], &positions, &ground()).is_err());
+        assert!(
+            fill(
+                &[outer.clone(), hole.clone()],
+                &positions,
+                &ground(),
+                |_, _| true
+            )
+            .is_err()
+        );
         hole.reverse();
         positions[4].x = -3.0;
         assert_eq!(
-            fill(&[outer, hole], &positions, &ground()).unwrap_err(),
+            fill(&[outer, hole], &positions, &ground(), |_, _| true).unwrap_err(),
             [0, 3, 4, 5, 7]
         );
     }
@@ -290,6 +370,6 @@ mod tests {
     fn a_ring_that_crosses_itself_is_refused() {
         let (positions, mut ring) = square(1.0, 0);
         ring.swap(1, 2);
-        assert!(fill(&[ring], &positions, &ground()).is_err());
+        assert!(fill(&[ring], &positions, &ground(), |_, _| true).is_err());
     }
 }

@@ -68,11 +68,12 @@ pub(crate) struct Straightener<'a> {
 }
 
 impl Straightener<'_> {
-    /// Moves the vertices of a chain, except its end nodes, and says which of them are corners. A raw chain in one plane stays as it is.
+    /// Moves the vertices of a chain, except its end nodes, and says which of them are corners. Raw vertices stay
+    /// where they are, and so does the chain between two of them.
     pub(crate) fn straighten(
         &self,
         chain: &Chain,
-        is_raw: bool,
+        is_raw: &[bool],
         positions: &mut [Point3<f64>],
         is_corner: &mut [bool],
     ) {
@@ -83,13 +84,6 @@ impl Straightener<'_> {
         planes.dedup();
         planes.sort_unstable();
         planes.dedup();
-        if is_raw && planes.len() == 1 {
-            chain
-                .vertices
-                .iter()
-                .for_each(|it| is_corner[*it as usize] = true);
-            return;
-        }
         let keeps_all = chain.around.contains(&REST);
         let plane = &self.planes[planes[0] as usize];
         let axes = plane.axes();
@@ -110,8 +104,14 @@ impl Straightener<'_> {
             vertices.push(vertices[0]);
         }
         let points: Vec<Point2> = vertices.iter().map(flat).collect();
+        let raw: Vec<bool> = vertices.iter().map(|it| is_raw[*it as usize]).collect();
         let corners: Vec<(usize, Point2)> = match planes.len() {
-            1 => self.corners(&points, &self.lines[planes[0] as usize], chain.is_closed()),
+            1 => self.corners(
+                &points,
+                &raw,
+                &self.lines[planes[0] as usize],
+                chain.is_closed(),
+            ),
             _ => [0, points.len() - 1].map(|it| (it, points[it])).to_vec(),
         };
         for &(index, point) in &corners {
@@ -142,39 +142,48 @@ impl Straightener<'_> {
         }
     }
 
-    /// The corners of a polyline: its ends, and where it turns. Of a closed one the first corner is repeated at the end.
-    fn corners(&self, points: &[Point2], lines: &[Line], is_closed: bool) -> Vec<(usize, Point2)> {
+    /// The corners of a polyline: its ends, and where it turns. A closed one begins at a corner, which is repeated at the end.
+    fn corners(
+        &self,
+        points: &[Point2],
+        raw: &[bool],
+        lines: &[Line],
+        is_closed: bool,
+    ) -> Vec<(usize, Point2)> {
         let last = points.len() - 1;
-        let mut kept = vec![0, last];
+        let mut kept: Vec<usize> = (0..=last)
+            .filter(|it| raw[*it] || *it == 0 || *it == last)
+            .collect();
         if is_closed {
             let away = |it: &usize| (points[*it] - points[0]).norm_squared();
             let opposite = (0..last).max_by(|a, b| away(a).total_cmp(&away(b)).then(b.cmp(a)));
             kept.extend(opposite);
             kept.sort_unstable();
+            kept.dedup();
         }
-        kept.dedup();
-        self.part_corners(points, kept, lines, is_closed)
-    }
-
-    fn part_corners(
-        &self,
-        points: &[Point2],
-        kept: Vec<usize>,
-        lines: &[Line],
-        is_closed: bool,
-    ) -> Vec<(usize, Point2)> {
-        let kept = split(points, kept, self.tolerance);
-        let parts: Vec<Option<Line>> = (kept.windows(2))
-            .map(|pair| self.line(&points[pair[0]..=pair[1]], lines))
-            .collect();
+        let between_raw = |it: &[usize]| raw[it[0]] && raw[it[1]];
+        let inside = kept
+            .windows(2)
+            .filter(|it| between_raw(it))
+            .flat_map(|it| it[0] + 1..it[1]);
+        let inside: Vec<usize> = inside.collect();
+        let mut kept = split(points, kept, self.tolerance, between_raw);
+        kept.extend(inside);
+        kept.sort_unstable();
+        let part = |pair: &[usize]| match pair[1] - pair[0] {
+            1 => None,
+            _ => self.line(&points[pair[0]..=pair[1]], lines),
+        };
+        let parts: Vec<Option<Line>> = kept.windows(2).map(part).collect();
         let count = parts.len();
         let corner = |at: usize| {
             let point = points[kept[at]];
-            let [before, after] = match (at, is_closed) {
-                (0, true) => [parts[count - 1], parts[0]],
-                (0, false) => [None, None],
-                (at, true) if at == count => [parts[count - 1], parts[0]],
-                (at, _) if at == count => [None, None],
+            let [before, after] = match at {
+                _ if raw[kept[at]] => [None, None],
+                0 if is_closed => [parts[count - 1], parts[0]],
+                _ if is_closed && at == count => [parts[count - 1], parts[0]],
+                0 => [None, None],
+                _ if at == count => [None, None],
                 _ => [parts[at - 1], parts[at]],
             };
             (kept[at], self.join(point, before, after))
@@ -237,10 +246,19 @@ impl Straightener<'_> {
     }
 }
 
-/// Splits a polyline at its farthest point from each chord, until all are within the tolerance.
-fn split(points: &[Point2], kept: Vec<usize>, tolerance: f64) -> Vec<usize> {
+/// Splits a polyline at its farthest point from each chord, until all are within the tolerance. Parts that are `done` are left out.
+fn split(
+    points: &[Point2],
+    kept: Vec<usize>,
+    tolerance: f64,
+    done: impl Fn(&[usize]) -> bool,
+) -> Vec<usize> {
     let mut all = kept.clone();
-    let mut open: Vec<[usize; 2]> = kept.windows(2).map(|it| [it[0], it[1]]).collect();
+    let mut open: Vec<[usize; 2]> = kept
+        .windows(2)
+        .filter(|it| !done(it))
+        .map(|it| [it[0], it[1]])
+        .collect();
     while let Some([from, to]) = open.pop() {
         let chord = Line::between(points[from], points[to]);
         let away = |it: usize| match &chord {

@@ -258,6 +258,8 @@ impl<'a> Finder<'a> {
                         for triangle in self.surface.triangles_at(vertex) {
                             if attempt.component[*triangle as usize] == component {
                                 self.labels[*triangle as usize] = REST;
+                                let corners = self.surface.triangles[*triangle as usize];
+                                corners.iter().for_each(|it| next_raw[*it as usize] = true);
                             }
                         }
                     }
@@ -311,13 +313,25 @@ impl<'a> Finder<'a> {
             tolerance,
         };
         let mut is_corner = vec![false; positions.len()];
+        let mut is_joined = vec![false; positions.len()];
         for chain in &chains {
-            let is_raw = chain.vertices.iter().any(|it| is_raw[*it as usize]);
+            if chain.around.len() > 1 {
+                chain
+                    .vertices
+                    .iter()
+                    .for_each(|it| is_joined[*it as usize] = true);
+            }
             straightener.straighten(chain, is_raw, &mut positions, &mut is_corner);
         }
         let rings = rings(surface, &component, plane_of.len(), &is_corner);
-        let filled = rings.iter().zip(&plane_of);
-        let filled = filled.map(|(it, plane)| fill(it, &positions, &self.planes[*plane as usize]));
+        let filled = rings.iter().zip(&plane_of).map(|(rings, plane)| {
+            let plane = &self.planes[*plane as usize];
+            // What the mesh does not resolve is no hole.
+            let is_hole = |ring: &[u32], area: f64| {
+                ring.iter().any(|it| is_joined[*it as usize]) || area > tolerance * tolerance
+            };
+            fill(rings, &positions, plane, is_hole)
+        });
         Attempt {
             filled: filled.collect(),
             component,
