@@ -8,12 +8,16 @@ mod kind;
 mod label;
 mod measures;
 mod merge;
+mod plan;
 mod plane;
 mod polygon;
 mod straighten;
 mod structure;
 mod surface;
+mod write;
 
 pub use kind::Kind;
 pub use measures::{Angle, Distance};
+pub use plan::{Opening, Piece, Plan};
 pub use structure::{Polygon, Structure, StructureOptions, StructurePlane, structure};
+pub use write::{write_dxf, write_ifc, write_json, write_structure_glb, write_structure_obj, write_svg, write_usda};
