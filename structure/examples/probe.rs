@@ -60,10 +60,26 @@ fn main() {
     }
     write_mesh_ply(std::path::Path::new(&arg[2]), &s.mesh()).unwrap();
     let t = std::time::Instant::now();
-    let dir = path.with_file_name("structure"); std::fs::create_dir_all(&dir).unwrap();
-    let plan = Plan::new(&s); eprintln!("plan {:?} {:?}", t.elapsed(), plan.as_ref().map(|p| (p.height, p.above_floor, p.openings.len())));
-    write_json(&dir.join("structure.json"), &s, plan.as_ref()).unwrap();
-    write_structure_glb(&dir.join("structure.glb"), &s, GltfFrame::upright(nalgebra::Vector3::zeros(), &s.up)).unwrap();
+    let dir = path.with_file_name("structure");
+    std::fs::create_dir_all(&dir).unwrap();
+    let plan = Plan::new(&s);
+    eprintln!(
+        "plan {:?} {:?}",
+        t.elapsed(),
+        plan.as_ref()
+            .map(|p| (p.height, p.above_floor, p.openings.len()))
+    );
+    write_json(
+        &dir.join("structure.json"),
+        &StructureSummary::new(&s, plan.as_ref(), None),
+    )
+    .unwrap();
+    write_structure_glb(
+        &dir.join("structure.glb"),
+        &s,
+        GltfFrame::upright(nalgebra::Vector3::zeros(), &s.up),
+    )
+    .unwrap();
     write_structure_obj(&dir.join("structure.obj"), &s).unwrap();
     write_dxf(&dir.join("structure.dxf"), &s).unwrap();
     write_ifc(&dir.join("structure.ifc"), &s).unwrap();

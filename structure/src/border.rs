@@ -122,12 +122,9 @@ pub(crate) fn place(
                 .iter()
                 .map(|it| it.distance(&target).abs())
                 .fold(0.0, f64::max);
-            let turn = own
-                .iter()
-                .flat_map(|a| own.iter().map(|b| a.normal.dot(&b.normal)));
-            let blunt = (0.5 + 0.5 * turn.fold(1.0, f64::min)).max(0.25).sqrt();
-            let is_far = (target - start).norm() > tolerances.corner() / blunt.min(1.0) * 1.5;
-            if own.len() > 1 && (off > 1e-3 * tolerances.sigma.max(1e-9) || is_far) {
+            // A vertex of the mesh stands for the surface around it, up to its neighbours.
+            let is_far = (target - start).norm() > 2.0 * tolerances.corner();
+            if own.len() > 1 && (off > 1e-3 * tolerances.sigma || is_far) {
                 let least = around.iter().copied().min_by(|a, b| {
                     areas[*a as usize]
                         .total_cmp(&areas[*b as usize])

@@ -1,19 +1,22 @@
 //! Planes measured: robust least squares with a covariance that holds for correlated errors.
 //!
 //! Vertices of a mesh near each other have errors in common: they come from the same depth images, from the same pose, from the same
-//! calibration. Their number says nothing then. The plane is divided into blocks, the equations of each block are summed, and the
-//! covariance follows from how much these sums scatter.
+//! calibration. Their number says nothing then. The plane is divided into blocks, and the sums of the equations of each block scatter as
+//! its errors do. Errors that reach over the whole plane show in no residual. They are taken to be as large as those of the largest
+//! blocks: the covariance is that of one block, and is not divided by the number of blocks. Errors of real depth cameras are of this
+//! kind: means of larger blocks are hardly more accurate than means of smaller ones.
 //!
 //! # Reference
-//! H. White, *A heteroskedasticity-consistent covariance matrix estimator*, Econometrica 48, 1980, by blocks as in T. Conley, *GMM
-//! estimation with cross sectional dependence*, Journal of Econometrics 92, 1999.
+//! Sums by blocks: H. White, *A heteroskedasticity-consistent covariance matrix estimator*, Econometrica 48, 1980; T. Conley, *GMM estimation
+//! with cross sectional dependence*, Journal of Econometrics 92, 1999. Errors of all sizes: J. Beran, *Statistics for long-memory processes*,
+//! 1994. *Differs from these*: the covariance is that of a block.
 
 use nalgebra::{Matrix2, Matrix3, Point3, Vector3};
 
 use crate::plane::Plane;
 
-/// Blocks along the longer side of a plane; the partition with the largest variance counts.
-const BLOCKS: [f64; 3] = [4.0, 6.0, 10.0];
+/// Blocks along the longer side of a plane.
+const BLOCKS: f64 = 4.0;
 /// Residuals beyond this many standard deviations count less (Huber 1964).
 const HUBER: f64 = 1.345;
 const ROUNDS: usize = 8;
@@ -79,13 +82,9 @@ pub(crate) fn measure(first: &Plane, positions: &[Point3<f64>], least: f64) -> M
         .iter()
         .map(|it| plane.distance(it).powi(2))
         .sum::<f64>();
-    let covariances = BLOCKS.map(|blocks| covariance(&plane, positions, &weights, least, blocks));
-    let largest = covariances
-        .iter()
-        .max_by(|a, b| a[(0, 0)].total_cmp(&b[(0, 0)]));
     Measured {
         plane,
-        covariance: largest.copied().unwrap_or_else(Matrix3::zeros),
+        covariance: covariance(&plane, positions, &weights, least),
         rms: (squares / positions.len() as f64).sqrt(),
     }
 }
@@ -107,13 +106,12 @@ fn equations(
     sums
 }
 
-/// The covariance of height and slopes from the scatter of blocks, as many along the longer side.
+/// The covariance of height and slopes from the scatter of blocks, as large as if there were one.
 fn covariance(
     plane: &Plane,
     positions: &[Point3<f64>],
     weights: &[f64],
     least: f64,
-    blocks: f64,
 ) -> Matrix3<f64> {
     let axes = plane.axes();
     let flat: Vec<[f64; 2]> = positions
@@ -128,7 +126,7 @@ fn covariance(
         (range.0, range.1 - range.0)
     };
     let [(low_u, width), (low_v, height)] = [0, 1].map(extent);
-    let side = (width.max(height) / blocks).max(f64::MIN_POSITIVE);
+    let side = (width.max(height) / BLOCKS).max(f64::MIN_POSITIVE);
     let mut sums: std::collections::BTreeMap<[i64; 2], Vector3<f64>> = Default::default();
     let mut normal_matrix = Matrix3::zeros();
     let mut own = Matrix3::zeros();
@@ -147,5 +145,5 @@ fn covariance(
     let scatter: Matrix3<f64> = sums.values().map(|it| it * it.transpose()).sum();
     // Three parameters were fitted to the blocks.
     let freedom = count / (count - 3.0).max(1.0);
-    inverse * (freedom * scatter + own) * inverse
+    inverse * (count * freedom * scatter + own) * inverse
 }

@@ -14,10 +14,15 @@ mod polygon;
 mod straighten;
 mod structure;
 mod surface;
+#[cfg(test)]
+mod tests;
 mod write;
 
 pub use kind::Kind;
 pub use measures::{Angle, Distance};
 pub use plan::{Opening, Piece, Plan};
 pub use structure::{Polygon, Structure, StructureOptions, StructurePlane, structure};
-pub use write::{write_dxf, write_ifc, write_json, write_structure_glb, write_structure_obj, write_svg, write_usda};
+pub use write::{
+    PlaneSummary, StructureSummary, write_dxf, write_ifc, write_json, write_structure_glb,
+    write_structure_obj, write_svg, write_usda,
+};

@@ -56,22 +56,37 @@ impl Plan {
     pub fn new(structure: &Structure) -> Option<Self> {
         let upright = structure.upright_from_original();
         let ranges = heights(structure);
-        let walls = (0..structure.planes.len()).filter(|it| structure.planes[*it].kind == Kind::Wall);
+        let walls =
+            (0..structure.planes.len()).filter(|it| structure.planes[*it].kind == Kind::Wall);
         let [low, high] = walls
             .map(|it| ranges[it])
             .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])?;
         let scene = RayScene::new(&structure.mesh());
+        // Off the heights of borders, where sections are ambiguous.
+        let height = |step: usize| low + (high - low) * (step as f64 + 0.4871) / HEIGHTS as f64;
+        let sections: Vec<Vec<Piece>> = (0..HEIGHTS)
+            .map(|step| pieces(structure, &upright, height(step)))
+            .collect();
         let section = |step: usize| {
-            // Off the heights of borders, where sections are ambiguous.
-            let height = low + (high - low) * (step as f64 + 0.4871) / HEIGHTS as f64;
             let mut plan = Self {
-                height,
+                height: height(step),
                 above_floor: None,
-                walls: pieces(structure, &upright, height),
+                walls: sections[step].clone(),
                 rest: Vec::new(),
                 openings: Vec::new(),
             };
-            plan.openings = plan.find_openings(structure, &upright, &scene, LEAST_OPENING * (high - low));
+            let gaps =
+                plan.find_openings(structure, &upright, &scene, LEAST_OPENING * (high - low));
+            // The wall goes on above an opening.
+            let is_below = |it: &Opening| {
+                let above = sections[step + 1..].iter().flatten();
+                above.filter(|piece| piece.plane == it.plane).any(|piece| {
+                    let along = piece.ends[1] - piece.ends[0];
+                    let at = nalgebra::center(&it.ends[0], &it.ends[1]) - piece.ends[0];
+                    (0.0..along.norm_squared()).contains(&at.dot(&along))
+                })
+            };
+            plan.openings = gaps.into_iter().filter(is_below).collect();
             plan
         };
         let shown = |plan: &Self| {
@@ -82,9 +97,14 @@ impl Plan {
         };
         let plans = (0..HEIGHTS).map(section).map(|it| (shown(&it), it));
         let (_, mut plan) = plans.reduce(|best, it| if it.0 > best.0 { it } else { best })?;
-        let others = structure.polygons.iter().filter(|it| !is_upright(structure, it.plane));
+        let others = structure
+            .polygons
+            .iter()
+            .filter(|it| !is_upright(structure, it.plane));
         let triangles = others.flat_map(|it| &it.triangles).chain(&structure.rest);
-        plan.rest = triangles.filter_map(|it| cut(structure, &upright, it, plan.height)).collect();
+        plan.rest = triangles
+            .filter_map(|it| cut(structure, &upright, it, plan.height))
+            .collect();
         let floor = structure.planes.iter().find(|it| it.kind == Kind::Floor);
         plan.above_floor = floor.map(|it| plan.height - structure.up.dot(&it.center.coords));
         Some(plan)
@@ -98,7 +118,9 @@ impl Plan {
         scene: &RayScene,
         least: f64,
     ) -> Vec<Opening> {
-        let far = scene.bounds().map_or(0.0, |(low, high)| (high - low).norm());
+        let far = scene
+            .bounds()
+            .map_or(0.0, |(low, high)| (high - low).norm());
         let mut found = Vec::new();
         for pair in self.walls.windows(2) {
             let plane = &structure.planes[pair[0].plane as usize];
@@ -126,7 +148,10 @@ impl Plan {
 }
 
 fn is_upright(structure: &Structure, plane: u32) -> bool {
-    matches!(structure.planes[plane as usize].kind, Kind::Wall | Kind::Upright)
+    matches!(
+        structure.planes[plane as usize].kind,
+        Kind::Wall | Kind::Upright
+    )
 }
 
 /// Where a triangle is cut.
@@ -174,7 +199,9 @@ fn pieces(structure: &Structure, upright: &Rotation3<f64>, height: f64) -> Vec<P
         for (from, to) in cuts {
             // Neighbouring triangles are cut at the same position, up to rounding.
             match &mut open {
-                Some(piece) if from - piece.1 <= 1e-9 * (1.0 + piece.1.abs()) => piece.1 = piece.1.max(to),
+                Some(piece) if from - piece.1 <= 1e-9 * (1.0 + piece.1.abs()) => {
+                    piece.1 = piece.1.max(to)
+                }
                 _ => open.replace((from, to)).into_iter().for_each(&mut add),
             }
         }

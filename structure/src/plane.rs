@@ -68,11 +68,6 @@ impl Moments {
     pub(crate) fn mean(&self, plane: &Plane) -> f64 {
         plane.normal.dot(&self.sum) / self.count - plane.offset
     }
-
-    /// The mean position.
-    pub(crate) fn center(&self) -> Point3<f64> {
-        (self.sum / self.count).into()
-    }
 }
 
 /// The plane of the positions `x` with `normal · x = offset`, and a point on it.

@@ -96,6 +96,8 @@ pub struct Structure {
     pub up: Vector3<f64>,
     /// Standard deviation of the mesh across its flat parts.
     pub noise: f64,
+    /// How far vertices of the mesh may have moved to where planes meet.
+    pub tolerance: f64,
     /// Area of the mesh.
     pub mesh_area: f64,
 }
@@ -109,6 +111,31 @@ impl Structure {
             triangles: polygons.chain(&self.rest).copied().collect(),
             colors: None,
         }
+    }
+
+    /// About `count` positions on the polygons, spread evenly by area, always the same.
+    pub fn samples(&self, count: usize) -> Vec<Point3<f64>> {
+        let step = self.planes.iter().map(|it| it.area).sum::<f64>() / count.max(1) as f64;
+        let mut found = Vec::new();
+        let mut left = 0.5 * step;
+        for triangle in self.polygons.iter().flat_map(|it| &it.triangles) {
+            let [a, b, c] = triangle.map(|corner| self.positions[corner as usize]);
+            left += self.area_of(std::slice::from_ref(triangle));
+            while left >= step && step > 0.0 {
+                left -= step;
+                // The additive sequence of M. Roberts (2018) for two dimensions.
+                let index = found.len() as f64;
+                let [s, t] =
+                    [0.754_877_666_246_693, 0.569_840_290_998_053].map(|it| (index * it).fract());
+                let [s, t] = if s + t > 1.0 {
+                    [1.0 - s, 1.0 - t]
+                } else {
+                    [s, t]
+                };
+                found.push(a + s * (b - a) + t * (c - a));
+            }
+        }
+        found
     }
 
     /// Area of triangles.
@@ -412,6 +439,7 @@ impl<'a> Finder<'a> {
             main_directions: self.directions.map(|it| it.axes),
             up,
             noise: self.tolerances.sigma,
+            tolerance: self.tolerances.corner(),
             mesh_area: self.surface.areas.iter().sum(),
         };
         for polygon in 0..found.polygons.len() {

@@ -14,8 +14,14 @@ const EDGES: &str = "EDGES";
 /// Layer of triangles on no plane.
 const REST: &str = "REST";
 /// Colours of layers by kind of plane: numbers of the AutoCAD colour index.
-const COLORS: [(&str, u8); 6] =
-    [("floor", 32), ("ceiling", 254), ("wall", 9), ("upright", 151), ("level", 83), ("other", 221)];
+const COLORS: [(&str, u8); 6] = [
+    ("floor", 32),
+    ("ceiling", 254),
+    ("wall", 9),
+    ("upright", 151),
+    ("level", 83),
+    ("other", 221),
+];
 
 /// Writes the triangles of each plane as `3DFACE` in a layer of its own, with inner edges invisible, each side of a polygon once as `LINE` in the
 /// layer `EDGES`, and triangles on no plane in the layer `REST`.
@@ -31,7 +37,12 @@ pub fn write_dxf(path: &Path, structure: &Structure) -> Result<(), WriteError> {
             decimals: Decimals::of(structure),
             points: &points,
         };
-        file.pairs(&[("0", "SECTION"), ("2", "HEADER"), ("9", "$ACADVER"), ("1", "AC1009")])?;
+        file.pairs(&[
+            ("0", "SECTION"),
+            ("2", "HEADER"),
+            ("9", "$ACADVER"),
+            ("1", "AC1009"),
+        ])?;
         file.pairs(&[("0", "ENDSEC"), ("0", "SECTION"), ("2", "TABLES")])?;
         let names: Vec<(String, u8)> = structure
             .by_plane()
@@ -44,14 +55,24 @@ pub fn write_dxf(path: &Path, structure: &Structure) -> Result<(), WriteError> {
             .collect();
         let count = names.len().to_string();
         file.pairs(&[("0", "TABLE"), ("2", "LTYPE"), ("70", "1"), ("0", "LTYPE")])?;
-        file.pairs(&[("2", "CONTINUOUS"), ("70", "0"), ("3", "Solid line"), ("72", "65")])?;
+        file.pairs(&[
+            ("2", "CONTINUOUS"),
+            ("70", "0"),
+            ("3", "Solid line"),
+            ("72", "65"),
+        ])?;
         file.pairs(&[("73", "0"), ("40", "0.0"), ("0", "ENDTAB")])?;
         file.pairs(&[("0", "TABLE"), ("2", "LAYER"), ("70", &count)])?;
         for (name, color) in &names {
             file.pairs(&[("0", "LAYER"), ("2", name), ("70", "0")])?;
             file.pairs(&[("62", &color.to_string()), ("6", "CONTINUOUS")])?;
         }
-        file.pairs(&[("0", "ENDTAB"), ("0", "ENDSEC"), ("0", "SECTION"), ("2", "ENTITIES")])?;
+        file.pairs(&[
+            ("0", "ENDTAB"),
+            ("0", "ENDSEC"),
+            ("0", "SECTION"),
+            ("2", "ENTITIES"),
+        ])?;
         let mut sides: Vec<[u32; 2]> = Vec::new();
         for (plane, polygons) in structure.by_plane() {
             let name = layer(structure, plane);
@@ -63,7 +84,9 @@ pub fn write_dxf(path: &Path, structure: &Structure) -> Result<(), WriteError> {
                 }
                 own.sort_unstable();
                 for triangle in &polygon.triangles {
-                    file.face(&name, triangle, |a, b| own.binary_search(&[a.min(b), a.max(b)]).is_ok())?;
+                    file.face(&name, triangle, |a, b| {
+                        own.binary_search(&[a.min(b), a.max(b)]).is_ok()
+                    })?;
                 }
                 sides.extend(own);
             }
@@ -96,7 +119,9 @@ struct File<'a> {
 
 impl File<'_> {
     fn pairs(&mut self, pairs: &[(&str, &str)]) -> std::io::Result<()> {
-        pairs.iter().try_for_each(|(code, value)| writeln!(self.out, "{code}\n{value}"))
+        pairs
+            .iter()
+            .try_for_each(|(code, value)| writeln!(self.out, "{code}\n{value}"))
     }
 
     /// The coordinates of the corner of an entity.
@@ -124,7 +149,11 @@ impl File<'_> {
         }
         // The third edge is the repeated corner, the fourth leads back to the first.
         let edges = [(a, b, 1), (b, c, 2), (c, a, 8)];
-        let hidden: u8 = edges.iter().filter(|it| !is_visible(it.0, it.1)).map(|it| it.2).sum();
+        let hidden: u8 = edges
+            .iter()
+            .filter(|it| !is_visible(it.0, it.1))
+            .map(|it| it.2)
+            .sum();
         match hidden {
             0 => Ok(()),
             hidden => self.pairs(&[("70", &hidden.to_string())]),

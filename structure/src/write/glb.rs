@@ -22,9 +22,17 @@ pub fn write_structure_glb(
     for (plane, polygons) in structure.by_plane() {
         let triangles = polygons.iter().flat_map(|it| it.triangles.iter().copied());
         let mesh = part(structure, triangles.collect(), false);
-        nodes.push((structure.plane_name(plane), structure.plane_color(plane), mesh));
+        nodes.push((
+            structure.plane_name(plane),
+            structure.plane_color(plane),
+            mesh,
+        ));
     }
-    nodes.push(("rest".to_owned(), REST, part(structure, structure.rest.clone(), true)));
+    nodes.push((
+        "rest".to_owned(),
+        REST,
+        part(structure, structure.rest.clone(), true),
+    ));
     let parts: Vec<GlbPart<'_>> = (nodes.iter())
         .map(|(name, color, mesh)| GlbPart {
             name,
@@ -44,7 +52,10 @@ fn part(structure: &Structure, mut triangles: Vec<[u32; 3]>, is_colored: bool) -
     triangles.iter_mut().flatten().for_each(renumber);
     let colors = structure.colors.as_ref().filter(|_| is_colored);
     TriangleMesh {
-        positions: used.iter().map(|it| structure.positions[*it as usize]).collect(),
+        positions: used
+            .iter()
+            .map(|it| structure.positions[*it as usize])
+            .collect(),
         triangles,
         colors: colors.map(|colors| used.iter().map(|it| colors[*it as usize]).collect()),
     }

@@ -29,10 +29,20 @@ pub fn write_ifc(path: &Path, structure: &Structure) -> Result<(), WriteError> {
     file.fill(structure);
     let generator = concat!("linecarve ", env!("CARGO_PKG_VERSION"));
     write_atomically(path, |out| {
-        writeln!(out, "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION(('ViewDefinition [ReferenceView_V1.2]'),'2;1');")?;
+        writeln!(
+            out,
+            "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION(('ViewDefinition [ReferenceView_V1.2]'),'2;1');"
+        )?;
         // No time: the same input gives the same bytes.
-        writeln!(out, "FILE_NAME('structure.ifc','1970-01-01T00:00:00',(''),(''),'{generator}','{generator}','');")?;
-        writeln!(out, "FILE_SCHEMA(('IFC4'));\nENDSEC;\nDATA;\n{}ENDSEC;\nEND-ISO-10303-21;", file.text)
+        writeln!(
+            out,
+            "FILE_NAME('structure.ifc','1970-01-01T00:00:00',(''),(''),'{generator}','{generator}','');"
+        )?;
+        writeln!(
+            out,
+            "FILE_SCHEMA(('IFC4'));\nENDSEC;\nDATA;\n{}ENDSEC;\nEND-ISO-10303-21;",
+            file.text
+        )
     })
 }
 
@@ -58,8 +68,13 @@ impl File {
         let context = self.add(&format!(
             "IFCGEOMETRICREPRESENTATIONCONTEXT($,'Model',3,1.E-06,{axes},$)"
         ));
-        let units = ["LENGTHUNIT.,$,.METRE", "AREAUNIT.,$,.SQUARE_METRE", "VOLUMEUNIT.,$,.CUBIC_METRE", "PLANEANGLEUNIT.,$,.RADIAN"]
-            .map(|unit| self.add(&format!("IFCSIUNIT(*,.{unit}.)")));
+        let units = [
+            "LENGTHUNIT.,$,.METRE",
+            "AREAUNIT.,$,.SQUARE_METRE",
+            "VOLUMEUNIT.,$,.CUBIC_METRE",
+            "PLANEANGLEUNIT.,$,.RADIAN",
+        ]
+        .map(|unit| self.add(&format!("IFCSIUNIT(*,.{unit}.)")));
         let units = self.add(&format!("IFCUNITASSIGNMENT(({}))", units.join(",")));
         let project = self.add(&format!(
             "IFCPROJECT('{}',$,'structure',$,$,$,$,({context}),{units})",
@@ -68,8 +83,9 @@ impl File {
         let site = self.spatial("IFCSITE", "site", &place, "$,$,$,$,$");
         let building = self.spatial("IFCBUILDING", "building", &place, "$,$,$");
         let storey = self.spatial("IFCBUILDINGSTOREY", "storey", &place, "$");
-        for (number, (whole, part)) in
-            [(&project, &site), (&site, &building), (&building, &storey)].into_iter().enumerate()
+        for (number, (whole, part)) in [(&project, &site), (&site, &building), (&building, &storey)]
+            .into_iter()
+            .enumerate()
         {
             self.add(&format!(
                 "IFCRELAGGREGATES('{}',$,$,$,{whole},({part}))",
@@ -105,7 +121,9 @@ impl File {
 
     fn spatial(&mut self, class: &str, name: &str, place: &str, more: &str) -> String {
         let id = identity(name, 0);
-        self.add(&format!("{class}('{id}',$,'{name}',$,$,{place},$,$,.ELEMENT.,{more})"))
+        self.add(&format!(
+            "{class}('{id}',$,'{name}',$,$,{place},$,$,.ELEMENT.,{more})"
+        ))
     }
 
     fn plane(
@@ -130,18 +148,26 @@ impl File {
             "area {:.4}, rms {:.5}, standard deviation of the offset {:.6}",
             measured.area, measured.rms, measured.sigma
         );
-        self.add(&format!("{class}('{id}',$,'{name}','{about}',$,{place},{shape},$,{kind})"))
+        self.add(&format!(
+            "{class}('{id}',$,'{name}','{about}',$,{place},{shape},$,{kind})"
+        ))
     }
 
     /// Polygons as a face set with its own points.
     fn shape(&mut self, polygons: &[Polygon], context: &str) -> String {
-        let mut used: Vec<u32> =
-            polygons.iter().flat_map(|it| it.rings.iter().flatten().copied()).collect();
+        let mut used: Vec<u32> = polygons
+            .iter()
+            .flat_map(|it| it.rings.iter().flatten().copied())
+            .collect();
         used.sort_unstable();
         used.dedup();
         let real = |value: f64| {
             let text = self.decimals.text(value);
-            if text.contains('.') { text } else { format!("{text}.") }
+            if text.contains('.') {
+                text
+            } else {
+                format!("{text}.")
+            }
         };
         let points: Vec<String> = (used.iter())
             .map(|it| self.points[*it as usize])
@@ -159,14 +185,22 @@ impl File {
             let entity = match rings.as_slice() {
                 [outer] => format!("IFCINDEXEDPOLYGONALFACE({outer})"),
                 [outer, holes @ ..] => {
-                    format!("IFCINDEXEDPOLYGONALFACEWITHVOIDS({outer},({}))", holes.join(","))
+                    format!(
+                        "IFCINDEXEDPOLYGONALFACEWITHVOIDS({outer},({}))",
+                        holes.join(",")
+                    )
                 }
                 [] => continue,
             };
             faces.push(self.add(&entity));
         }
-        let set = self.add(&format!("IFCPOLYGONALFACESET({points},.F.,({}),$)", faces.join(",")));
-        let body = self.add(&format!("IFCSHAPEREPRESENTATION({context},'Body','Tessellation',({set}))"));
+        let set = self.add(&format!(
+            "IFCPOLYGONALFACESET({points},.F.,({}),$)",
+            faces.join(",")
+        ));
+        let body = self.add(&format!(
+            "IFCSHAPEREPRESENTATION({context},'Body','Tessellation',({set}))"
+        ));
         self.add(&format!("IFCPRODUCTDEFINITIONSHAPE($,$,({body}))"))
     }
 }

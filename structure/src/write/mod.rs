@@ -12,7 +12,7 @@ mod usda;
 pub use dxf::write_dxf;
 pub use glb::write_structure_glb;
 pub use ifc::write_ifc;
-pub use json::write_json;
+pub use json::{PlaneSummary, StructureSummary, write_json};
 pub use obj::write_structure_obj;
 pub use svg::write_svg;
 pub use usda::write_usda;
@@ -68,7 +68,10 @@ fn ranked(faces: &[Vec<u32>]) -> (Vec<u32>, Vec<Vec<usize>>) {
     used.sort_unstable();
     used.dedup();
     let rank = |vertex: &u32| used.binary_search(vertex).unwrap_or(0);
-    let ranked = faces.iter().map(|face| face.iter().map(rank).collect()).collect();
+    let ranked = faces
+        .iter()
+        .map(|face| face.iter().map(rank).collect())
+        .collect();
     (used, ranked)
 }
 
@@ -81,7 +84,10 @@ impl Decimals {
         let Some(first) = structure.positions.first() else {
             return Self(6);
         };
-        let bounds = structure.positions.iter().fold((*first, *first), |(a, b), it| (a.inf(it), b.sup(it)));
+        let bounds = structure
+            .positions
+            .iter()
+            .fold((*first, *first), |(a, b), it| (a.inf(it), b.sup(it)));
         let diagonal = (bounds.1 - bounds.0).norm();
         match diagonal > 0.0 {
             true => Self((-(diagonal * 1e-7).log10()).ceil().clamp(0.0, 15.0) as usize),
@@ -103,7 +109,9 @@ impl Decimals {
     }
 
     fn join(&self, point: &Point3<f64>, separator: &str) -> String {
-        [point.x, point.y, point.z].map(|it| self.text(it)).join(separator)
+        [point.x, point.y, point.z]
+            .map(|it| self.text(it))
+            .join(separator)
     }
 }
 

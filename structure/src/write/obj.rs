@@ -20,7 +20,11 @@ pub fn write_structure_obj(path: &Path, structure: &Structure) -> Result<(), Wri
         for (plane, _) in structure.by_plane() {
             let color = structure.plane_color(plane).map(|it| f64::from(it) / 255.0);
             let [r, g, b] = color;
-            writeln!(out, "newmtl {}\nKd {r:.4} {g:.4} {b:.4}", structure.plane_name(plane))?;
+            writeln!(
+                out,
+                "newmtl {}\nKd {r:.4} {g:.4} {b:.4}",
+                structure.plane_name(plane)
+            )?;
         }
         writeln!(out, "newmtl rest\nKd 0.6 0.6 0.6")
     })?;
@@ -45,6 +49,7 @@ pub fn write_structure_obj(path: &Path, structure: &Structure) -> Result<(), Wri
 
 fn write_face(out: &mut dyn Write, face: &[u32]) -> std::io::Result<()> {
     write!(out, "f")?;
-    face.iter().try_for_each(|vertex| write!(out, " {}", vertex + 1))?;
+    face.iter()
+        .try_for_each(|vertex| write!(out, " {}", vertex + 1))?;
     writeln!(out)
 }

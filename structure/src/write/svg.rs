@@ -11,7 +11,9 @@ use crate::plan::Plan;
 use crate::structure::Structure;
 
 /// Scales on paper, and the longer side of the paper in millimetres (A3).
-const SCALES: [f64; 9] = [10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0];
+const SCALES: [f64; 9] = [
+    10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0,
+];
 const PAPER_MM: f64 = 400.0;
 /// Space around the section, and between lines of dimensions.
 const MARGIN_MM: f64 = 14.0;
@@ -24,7 +26,11 @@ const MOST: usize = 4;
 ///
 /// # Errors
 /// When the file cannot be written.
-pub fn write_svg(path: &Path, structure: &Structure, plan: Option<&Plan>) -> Result<(), WriteError> {
+pub fn write_svg(
+    path: &Path,
+    structure: &Structure,
+    plan: Option<&Plan>,
+) -> Result<(), WriteError> {
     let text = match plan {
         Some(plan) => Drawing::new(plan).draw(structure, plan),
         None => "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"80mm\" height=\"10mm\">\
@@ -49,7 +55,9 @@ impl Drawing {
     fn new(plan: &Plan) -> Self {
         let pieces = plan.walls.iter().flat_map(|it| it.ends);
         let points = pieces.chain(plan.rest.iter().flatten().copied());
-        let bounds = points.map(|it| (it, it)).reduce(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)));
+        let bounds = points
+            .map(|it| (it, it))
+            .reduce(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)));
         let (low, high) = bounds.unwrap_or_default();
         let longer = (high - low).amax();
         let fits = |it: &f64| longer * 1000.0 / it <= PAPER_MM;
@@ -95,7 +103,14 @@ impl Drawing {
         for piece in &plan.walls {
             let kind = structure.planes[piece.plane as usize].kind;
             let ends = piece.ends.map(|it| self.at(&it));
-            self.line(ends, if kind == Kind::Wall { "wall" } else { "upright" });
+            self.line(
+                ends,
+                if kind == Kind::Wall {
+                    "wall"
+                } else {
+                    "upright"
+                },
+            );
         }
         for opening in &plan.openings {
             let [a, b] = opening.ends.map(|it| self.at(&it));
@@ -126,7 +141,7 @@ impl Drawing {
             };
             let normal = upright * structure.planes[distance.planes[0] as usize].normal;
             let [a, b] = [one, other].map(|it| it.map(|end| self.at(&end)));
-            let label = format!("{:.3} ± {:.4}", distance.value, distance.sigma);
+            let label = format!("{:.3} ± {}", distance.value, significant(distance.sigma));
             if normal.x.abs() > 0.98 && self.rows < MOST {
                 let lowest = MARGIN_MM + self.scale * (self.high.y - self.low.y);
                 let y = lowest + STEP_MM * (self.rows as f64 + 1.0);
@@ -136,7 +151,11 @@ impl Drawing {
                 let rightmost = MARGIN_MM + self.scale * (self.high.x - self.low.x);
                 let x = rightmost + STEP_MM * (self.columns as f64 + 1.0);
                 self.columns += 1;
-                self.dimension([[x, a[0][1]], [x, b[0][1]]], [righter(&a), righter(&b)], &label);
+                self.dimension(
+                    [[x, a[0][1]], [x, b[0][1]]],
+                    [righter(&a), righter(&b)],
+                    &label,
+                );
             }
         }
     }
@@ -145,7 +164,10 @@ impl Drawing {
         self.line(ends, "dimension");
         for (end, from) in ends.iter().zip(from) {
             self.line([from, *end], "extension");
-            self.line([[end[0] - 0.8, end[1] + 0.8], [end[0] + 0.8, end[1] - 0.8]], "tick");
+            self.line(
+                [[end[0] - 0.8, end[1] + 0.8], [end[0] + 0.8, end[1] - 0.8]],
+                "tick",
+            );
         }
         let is_level = (ends[1][0] - ends[0][0]).abs() > (ends[1][1] - ends[0][1]).abs();
         let middle = [0, 1].map(|it| 0.5 * (ends[0][it] + ends[1][it]));
@@ -161,11 +183,18 @@ impl Drawing {
         // A scale bar of one, two or five units of some power of ten.
         let raw = section.x / self.scale / 4.0;
         let power = 10_f64.powf(raw.max(f64::MIN_POSITIVE).log10().floor());
-        let bar = [5.0, 2.0, 1.0].into_iter().map(|it| it * power).find(|it| *it <= raw);
+        let bar = [5.0, 2.0, 1.0]
+            .into_iter()
+            .map(|it| it * power)
+            .find(|it| *it <= raw);
         let bar = bar.unwrap_or(power);
         let length = bar * self.scale;
         self.line([[MARGIN_MM, foot], [MARGIN_MM + length, foot]], "wall");
-        self.label([MARGIN_MM + 0.5 * length, foot + 4.5], 0.0, &format!("{bar} m"));
+        self.label(
+            [MARGIN_MM + 0.5 * length, foot + 4.5],
+            0.0,
+            &format!("{bar} m"),
+        );
         let height = match plan.above_floor {
             Some(height) => format!("section {height:.2} m above the floor"),
             None => format!("section at {:.2} m", plan.height),
@@ -177,7 +206,8 @@ impl Drawing {
             MARGIN_MM + length + 6.0,
             foot + 1.0
         );
-        let width = (2.0 * MARGIN_MM + section.x + STEP_MM * (self.columns as f64 + 1.0)).max(MARGIN_MM + length + 80.0);
+        let width = (2.0 * MARGIN_MM + section.x + STEP_MM * (self.columns as f64 + 1.0))
+            .max(MARGIN_MM + length + 80.0);
         let height = foot + 9.0;
         let style = "line{stroke-linecap:round;stroke:#222}.wall{stroke-width:.7}.upright{stroke-width:.35}\
             .rest{stroke:#999;stroke-width:.18}.opening{stroke:#2060c8;stroke-width:.35;stroke-dasharray:1.5 1}\
@@ -193,16 +223,34 @@ impl Drawing {
 
 /// The longest piece of a plane.
 fn longest(plan: &Plan, plane: u32) -> Option<[Point2<f64>; 2]> {
-    let own = plan.walls.iter().filter(|it| it.plane == plane).map(|it| it.ends);
-    own.reduce(|a, b| if (b[1] - b[0]).norm() > (a[1] - a[0]).norm() { b } else { a })
+    let own = plan
+        .walls
+        .iter()
+        .filter(|it| it.plane == plane)
+        .map(|it| it.ends);
+    own.reduce(|a, b| {
+        if (b[1] - b[0]).norm() > (a[1] - a[0]).norm() {
+            b
+        } else {
+            a
+        }
+    })
 }
 
 fn lower(ends: &[[f64; 2]; 2]) -> [f64; 2] {
-    if ends[0][1] > ends[1][1] { ends[0] } else { ends[1] }
+    if ends[0][1] > ends[1][1] {
+        ends[0]
+    } else {
+        ends[1]
+    }
 }
 
 fn righter(ends: &[[f64; 2]; 2]) -> [f64; 2] {
-    if ends[0][0] > ends[1][0] { ends[0] } else { ends[1] }
+    if ends[0][0] > ends[1][0] {
+        ends[0]
+    } else {
+        ends[1]
+    }
 }
 
 /// An angle at which text is not upside down: degrees.
@@ -214,4 +262,10 @@ fn readable(degrees: f64) -> f64 {
     } else {
         degrees
     }
+}
+
+/// Two significant digits, as far as they are behind the point; no more than six.
+fn significant(value: f64) -> String {
+    let digits = (1.0 - value.max(1e-6).log10().floor()).clamp(1.0, 6.0) as usize;
+    format!("{value:.digits$}")
 }

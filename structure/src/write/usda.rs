@@ -16,7 +16,10 @@ use crate::structure::Structure;
 /// When the file cannot be written.
 pub fn write_usda(path: &Path, structure: &Structure) -> Result<(), WriteError> {
     write_atomically(path, |out| {
-        writeln!(out, "#usda 1.0\n(\n    defaultPrim = \"structure\"\n    metersPerUnit = 1")?;
+        writeln!(
+            out,
+            "#usda 1.0\n(\n    defaultPrim = \"structure\"\n    metersPerUnit = 1"
+        )?;
         writeln!(out, "    upAxis = \"Z\"\n)\n\ndef Xform \"structure\"\n{{")?;
         for (plane, polygons) in structure.by_plane() {
             let faces: Vec<Vec<u32>> = polygons.iter().flat_map(faces).collect();
@@ -49,10 +52,19 @@ fn write_mesh(
         format!("({})", decimals.join(&position, ", "))
     }));
     let [r, g, b] = linear_color(color);
-    writeln!(out, "    def Mesh \"{name}\"\n    {{\n        uniform bool doubleSided = 1")?;
+    writeln!(
+        out,
+        "    def Mesh \"{name}\"\n    {{\n        uniform bool doubleSided = 1"
+    )?;
     writeln!(out, "        int[] faceVertexCounts = [{counts}]")?;
     writeln!(out, "        int[] faceVertexIndices = [{corners}]")?;
     writeln!(out, "        point3f[] points = [{points}]")?;
-    writeln!(out, "        color3f[] primvars:displayColor = [({r:.4}, {g:.4}, {b:.4})]")?;
-    writeln!(out, "        uniform token subdivisionScheme = \"none\"\n    }}")
+    writeln!(
+        out,
+        "        color3f[] primvars:displayColor = [({r:.4}, {g:.4}, {b:.4})]"
+    )?;
+    writeln!(
+        out,
+        "        uniform token subdivisionScheme = \"none\"\n    }}"
+    )
 }
