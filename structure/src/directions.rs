@@ -100,3 +100,43 @@ pub(crate) fn align(measured: &Measured, directions: &Directions) -> Option<Plan
     (axis.dot(&measured.plane.normal) >= NEAR.cos() && chi <= CHI_SQUARE)
         .then(|| Plane::new(axis, measured.plane.center))
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Point3;
+
+    use super::*;
+
+    /// A plane with this normal, whose slopes have this standard deviation.
+    fn plane(normal: Vector3<f64>, sigma: f64) -> Measured {
+        Measured {
+            plane: Plane::new(normal, Point3::origin()),
+            covariance: Matrix3::from_diagonal_element(sigma * sigma),
+            rms: 0.0,
+        }
+    }
+
+    #[test]
+    fn planes_within_their_deviations_take_the_main_directions() {
+        let turn = Rotation3::from_euler_angles(0.2, 0.1, 0.4);
+        let tilt = |x: f64, y: f64| Rotation3::new(Vector3::new(x, y, 0.0));
+        let planes = [
+            plane(turn * Vector3::z(), 1e-3),
+            plane(turn * (tilt(1.5e-3, 0.0) * Vector3::y()), 1e-3),
+            plane(turn * (tilt(0.0, -1e-3) * -Vector3::x()), 1e-3),
+            // Five degrees off, and a hundred deviations off.
+            plane(turn * (tilt(0.087, 0.0) * Vector3::y()), 1e-3),
+            plane(turn * (tilt(0.02, 0.0) * Vector3::y()), 2e-4),
+        ];
+        let areas = [9.0, 8.0, 7.0, 1.0, 1.0];
+        let found = directions(&planes, &areas, &(turn * Vector3::new(0.2, 0.1, 1.0))).unwrap();
+        assert!(found.axes[2].dot(&(turn * Vector3::z())) > 0.99999);
+        for pair in [(0, 1), (1, 2), (2, 0)] {
+            assert!(found.axes[pair.0].dot(&found.axes[pair.1]).abs() < 1e-12);
+        }
+        let aligned = planes.each_ref().map(|it| align(it, &found).is_some());
+        assert_eq!(aligned, [true, true, true, false, false]);
+        // Two planes at a right angle are not enough when none is level.
+        assert!(directions(&planes[1..3], &areas[1..3], &(turn * Vector3::z())).is_none());
+    }
+}

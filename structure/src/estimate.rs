@@ -147,3 +147,31 @@ fn covariance(
     let freedom = count / (count - 3.0).max(1.0);
     inverse * (count * freedom * scatter + own) * inverse
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outliers_do_not_move_a_plane_and_bends_show_in_its_deviation() {
+        let plane = Plane::new(Vector3::new(0.1, 0.2, 1.0), Point3::new(1.0, 2.0, 3.0));
+        let axes = plane.axes();
+        // A wave along the plane, of 1 mm and two periods, and one vertex in fifty half a metre off.
+        let position = |index: u32| {
+            let [x, y] =
+                [f64::from(index % 50), f64::from(index / 50)].map(|it| 0.08 * (it - 24.5));
+            let wave = 1e-3 * (x * std::f64::consts::PI).sin();
+            let off = if index % 50 == 7 { 0.5 } else { wave };
+            plane.at([x, y], &axes) + off * plane.normal
+        };
+        let positions: Vec<Point3<f64>> = (0..2500).map(position).collect();
+        let tilted = Plane::new(plane.normal + Vector3::new(0.02, 0.0, 0.0), positions[0]);
+        let found = measure(&tilted, &positions, 1e-5);
+        assert!(found.plane.normal.dot(&plane.normal) > 1.0 - 1e-6);
+        assert!(plane.distance(&found.plane.center).abs() < 2e-4);
+        // Blocks of a metre have means of 2/pi of the wave, the outliers add their share.
+        assert!((4e-4..9e-4).contains(&found.sigma()), "{}", found.sigma());
+        let far = plane.at([10.0, 0.0], &axes);
+        assert!(found.variance_at(&far) > 4.0 * found.variance_at(&found.plane.center));
+    }
+}

@@ -22,7 +22,7 @@ fn lies_on(moments: &Moments, own: &Plane, common: &Plane, sigma: f64) -> bool {
 /// # Complexity
 /// Quadratic in the regions.
 pub(crate) fn merge(mut regions: Vec<Region>, sigma: f64) -> Vec<Region> {
-    regions.sort_by(|a, b| b.triangles.len().cmp(&a.triangles.len()));
+    regions.sort_by_key(|it| std::cmp::Reverse(it.triangles.len()));
     let mut rounds = 0;
     loop {
         let count = regions.len();
@@ -78,6 +78,6 @@ fn merge_once(regions: Vec<Region>, sigma: f64) -> Vec<Region> {
             merged[place[root]].triangles.extend(region.triangles);
         }
     }
-    merged.sort_by(|a, b| b.triangles.len().cmp(&a.triangles.len()));
+    merged.sort_by_key(|it| std::cmp::Reverse(it.triangles.len()));
     merged
 }

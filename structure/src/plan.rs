@@ -200,7 +200,7 @@ fn pieces(structure: &Structure, upright: &Rotation3<f64>, height: f64) -> Vec<P
             // Neighbouring triangles are cut at the same position, up to rounding.
             match &mut open {
                 Some(piece) if from - piece.1 <= 1e-9 * (1.0 + piece.1.abs()) => {
-                    piece.1 = piece.1.max(to)
+                    piece.1 = piece.1.max(to);
                 }
                 _ => open.replace((from, to)).into_iter().for_each(&mut add),
             }

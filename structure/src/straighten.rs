@@ -307,3 +307,91 @@ fn spread(shares: &mut [f64]) {
         start = end;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+
+    /// A square of side 2 around the origin, with corners and three vertices between them that are off by so much, outwards and inwards.
+    fn square(off: f64) -> Vec<Point3<f64>> {
+        let side = |[x, y]: [f64; 2], [u, v]: [f64; 2]| {
+            (0..4).map(move |it| {
+                let along = 0.5 * f64::from(it);
+                let off = [0.0, off, -off, off][it as usize];
+                Point3::new(x + along * u + off * v, y + along * v - off * u, 0.0)
+            })
+        };
+        let sides = [
+            side([-1.0, -1.0], [1.0, 0.0]),
+            side([1.0, -1.0], [0.0, 1.0]),
+            side([1.0, 1.0], [-1.0, 0.0]),
+            side([-1.0, 1.0], [0.0, -1.0]),
+        ];
+        sides.into_iter().flatten().collect()
+    }
+
+    /// The corners that remain of such a square as a hole, and all positions.
+    fn straightened(around: Vec<u32>, raw: &[usize]) -> (Vec<usize>, Vec<Point3<f64>>) {
+        let mut positions = square(0.02);
+        let count = positions.len();
+        let chain = Chain {
+            around,
+            vertices: (0..count as u32).chain([0]).collect(),
+        };
+        let planes = [Plane::new(Vector3::z(), Point3::origin())];
+        let straightener = Straightener {
+            planes: &planes,
+            plane_of: &[0],
+            lines: &[vec![]],
+            tolerance: 0.1,
+        };
+        let mut is_raw = vec![false; count];
+        raw.iter().for_each(|it| is_raw[*it] = true);
+        let mut is_corner = vec![false; count];
+        straightener.straighten(&chain, &is_raw, &mut positions, &mut is_corner);
+        ((0..count).filter(|it| is_corner[*it]).collect(), positions)
+    }
+
+    #[test]
+    fn a_jagged_square_has_four_corners() {
+        let (corners, positions) = straightened(vec![0], &[]);
+        assert_eq!(corners, [0, 4, 8, 12]);
+        for corner in corners {
+            let [x, y] = [positions[corner].x, positions[corner].y];
+            // The mean of the sides lies a little further out.
+            assert!(
+                (1.0..1.02).contains(&x.abs()) && (1.0..1.02).contains(&y.abs()),
+                "{x} {y}"
+            );
+        }
+    }
+
+    #[test]
+    fn beside_triangles_all_vertices_stay_on_the_straight_border_in_order() {
+        let (corners, positions) = straightened(vec![0, REST], &[]);
+        assert_eq!(corners.len(), 16);
+        let side = &positions[4..=8];
+        assert!(side.windows(2).all(|it| it[1].y > it[0].y));
+        let chord = side[4] - side[0];
+        for position in side {
+            assert!(chord.cross(&(position - side[0])).norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn raw_vertices_stay_and_so_does_what_is_between_them() {
+        let (corners, positions) = straightened(vec![0], &[5, 7]);
+        assert_eq!(corners, [0, 4, 5, 6, 7, 8, 12]);
+        assert_eq!(positions[5..=7], square(0.02)[5..=7]);
+    }
+
+    #[test]
+    fn equal_shares_are_spread() {
+        let mut shares = [0.0, 0.5, 0.2, 0.5, 0.9, 1.0];
+        spread(&mut shares);
+        assert!(shares[0] > 0.0 && shares[5] < 1.0);
+        assert!(shares.windows(2).all(|it| it[1] > it[0]), "{shares:?}");
+    }
+}
