@@ -93,7 +93,7 @@ pub(crate) fn complete(
             let is_on = worst <= tolerances.across();
             let is_between = near.len() > 1
                 && between <= tolerances.across().max(0.5 * tolerances.edge)
-                && worst <= 2.0 * tolerances.corner();
+                && worst <= tolerances.corner();
             if is_on || is_between {
                 changes.push((triangle, best));
             }
@@ -103,6 +103,22 @@ pub(crate) fn complete(
         }
         for (triangle, plane) in changes {
             labels[triangle as usize] = plane;
+        }
+    }
+}
+
+/// Takes the plane of triangles that lie further from it than vertices may move: merged and aligned planes are not those that they grew on.
+pub(crate) fn release_far(
+    surface: &Surface,
+    planes: &[Plane],
+    labels: &mut Labels,
+    tolerances: &Tolerances,
+) {
+    for (triangle, label) in (0..).zip(labels.iter_mut()).filter(|it| *it.1 != REST) {
+        let plane = &planes[*label as usize];
+        let far = |it: &Point3<f64>| plane.distance(it).abs() > tolerances.corner();
+        if surface.corners(triangle).iter().any(far) {
+            *label = REST;
         }
     }
 }
@@ -132,7 +148,7 @@ pub(crate) fn components(surface: &Surface, labels: &Labels) -> (Vec<u32>, usize
     (of, count as usize)
 }
 
-/// Gives islands of few triangles inside one plane to it, when they lie within twice the tolerance, and takes the plane of components
+/// Gives islands of few triangles inside one plane to it, when vertices may move so far, and takes the plane of components
 /// that have too little area, or too few triangles, for a polygon, or that are not among the `most` largest.
 pub(crate) fn clean(
     surface: &Surface,
@@ -164,7 +180,7 @@ pub(crate) fn clean(
         around.dedup();
         if let ([plane], true) = (around.as_slice(), is_closed) {
             let near = |corner: &Point3<f64>| {
-                planes[*plane as usize].distance(corner).abs() <= 2.0 * tolerances.across()
+                planes[*plane as usize].distance(corner).abs() <= tolerances.corner()
             };
             if island
                 .iter()
@@ -175,19 +191,17 @@ pub(crate) fn clean(
         }
     }
     let (of, count) = components(surface, labels);
-    let mut sizes = vec![(0.0, 0_usize, 0_u32); count];
+    // Area and number of triangles of each component with a plane.
+    let mut sizes: Vec<(f64, usize, u32)> = (0..count as u32).map(|it| (0.0, 0, it)).collect();
     for (triangle, component) in of.iter().enumerate() {
-        let size = &mut sizes[*component as usize];
-        *size = (size.0 + surface.areas[triangle], size.1 + 1, *component);
+        if labels[triangle] != REST {
+            let size = &mut sizes[*component as usize];
+            *size = (size.0 + surface.areas[triangle], size.1 + 1, *component);
+        }
     }
-    let label_of = |component: u32| {
-        let first = of.iter().position(|it| *it == component);
-        first.map_or(REST, |it| labels[it])
-    };
     let least_area = (2.0 * surface.edge_length).powi(2);
-    let mut kept = sizes.clone();
+    let mut kept = sizes;
     kept.retain(|it| it.0 >= least_area && it.1 >= LEAST_TRIANGLES);
-    kept.retain(|it| label_of(it.2) != REST);
     kept.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.2.cmp(&b.2)));
     kept.truncate(most);
     let mut is_kept = vec![false; count];

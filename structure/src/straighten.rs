@@ -193,7 +193,7 @@ impl Straightener<'_> {
 
     /// Where two lines meet, near a point.
     fn join(&self, point: Point2, before: Option<Line>, after: Option<Line>) -> Point2 {
-        let near = |it: &Point2| (it - point).norm() <= 3.0 * self.tolerance;
+        let near = |it: &Point2| (it - point).norm() <= 2.0 * self.tolerance;
         let found = match (before, after) {
             (Some(a), Some(b)) if a.along.dot(&b.along).abs() < LEAST_CORNER_COSINE => {
                 let share = (b.from - a.from).perp(&b.along) / a.along.perp(&b.along);

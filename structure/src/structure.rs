@@ -3,12 +3,12 @@
 use linecarve_mesh::TriangleMesh;
 use nalgebra::{Point3, Vector3};
 
-use crate::border::{Chain, chains, place};
+use crate::border::{chains, place};
 use crate::directions::{Directions, align, directions};
 use crate::estimate::{Measured, measure};
 use crate::grow::{grow, mean_normal, noise};
 use crate::kind::{Kind, kinds};
-use crate::label::{Labels, REST, Tolerances, clean, complete, components};
+use crate::label::{Labels, REST, Tolerances, clean, complete, components, release_far};
 use crate::measures::{Angle, Distance, angles, distances};
 use crate::merge::merge;
 use crate::plane::Plane;
@@ -263,6 +263,12 @@ impl<'a> Finder<'a> {
     }
 
     fn structure(mut self, segments: &[[Point3<f64>; 2]]) -> Structure {
+        release_far(
+            self.surface,
+            &self.planes,
+            &mut self.labels,
+            &self.tolerances,
+        );
         complete(
             self.surface,
             &self.planes,
@@ -326,10 +332,7 @@ impl<'a> Finder<'a> {
         );
         let (component, plane_of) = self.polygons();
         let chains = chains(surface, &component);
-        let tolerance = self
-            .tolerances
-            .across()
-            .max(0.5 * border_length(surface, &chains));
+        let tolerance = self.tolerances.corner();
         let lines: Vec<_> = (self.planes.iter())
             .map(|plane| lines_in(plane, segments, tolerance))
             .collect();
@@ -500,21 +503,6 @@ fn samples(surface: &Surface, labels: &Labels, triangles: &[u32]) -> Vec<Point3<
     used.iter()
         .map(|it| surface.positions[*it as usize])
         .collect()
-}
-
-/// Median length of the edges of borders beside triangles of no plane and at the end of the surface.
-fn border_length(surface: &Surface, chains: &[Chain]) -> f64 {
-    let mut lengths = Vec::new();
-    for chain in chains
-        .iter()
-        .filter(|it| it.around.len() == 1 || it.around.contains(&REST))
-    {
-        for ends in chain.vertices.windows(2) {
-            let [a, b] = [ends[0], ends[1]].map(|it| surface.positions[it as usize]);
-            lengths.push((b - a).norm());
-        }
-    }
-    linecarve_lines::upper_median(&mut lengths, f64::total_cmp).unwrap_or(surface.edge_length)
 }
 
 /// Numbers used vertices anew, in the order of the surface, and returns their positions and colours.
