@@ -91,9 +91,10 @@ impl StructureSummary {
             polygons: structure.polygons.len(),
             corners: rings().map(Vec::len).sum(),
             holes: rings().count() - structure.polygons.len(),
-            polygon_area: structure.planes.iter().map(|it| it.area).sum(),
+            // The sum of nothing is -0.
+            polygon_area: structure.planes.iter().map(|it| it.area).sum::<f64>() + 0.0,
             rest_triangles: structure.rest.len(),
-            rest_area: structure.area_of(&structure.rest),
+            rest_area: structure.area_of(&structure.rest) + 0.0,
             mesh_area: structure.mesh_area,
             noise: structure.noise,
             free_share,
