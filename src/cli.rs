@@ -8,6 +8,7 @@ mod mesh;
 mod ranges;
 mod simplify;
 mod stream;
+mod structure;
 mod synth;
 mod tiles;
 mod track;
@@ -26,6 +27,7 @@ pub use evaluate::{AlignBy, EvaluateArgs};
 pub use mesh::{KnownOptions, MeshArgs};
 pub use simplify::SimplifyArgs;
 pub use stream::StreamArgs;
+pub use structure::StructureArgs;
 pub use synth::{NoiseModel, SynthArgs};
 pub use tiles::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 pub use track::{TrackArgs, TrackFormat, TrackMode};
@@ -105,6 +107,9 @@ pub enum Command {
     View(ViewArgs),
     /// The same surface with fewer triangles: what is nearly plane is triangulated anew from its borders.
     Simplify(SimplifyArgs),
+    /// Planes, straight edges and a floor plan of a mesh, of a run or of a sequence, measured with standard deviations: GLB, OBJ, DXF, IFC,
+    /// USD, SVG, JSON.
+    Structure(StructureArgs),
     /// The mesh of `reconstruct --final-only` in tiles, for more points than one process should hold.
     Tiles(TilesArgs),
 }
@@ -291,6 +296,10 @@ pub struct ReconstructArgs {
     #[arg(long, value_enum, value_name = "IMAGE", num_args = 0..=1, require_equals = true, default_missing_value = "jpeg")]
     pub texture: Option<TextureChoice>,
 
+    /// Also write the planes of the final mesh, a floor plan and what they measure, as `linecarve structure` does: structure.*, plan.svg.
+    #[arg(long)]
+    pub structure: bool,
+
     /// What is written of the surface after every single keyframe.
     #[arg(long, value_enum, default_value_t = GrowthChoice::Whole, conflicts_with = "final_only")]
     pub growth: GrowthChoice,
@@ -440,7 +449,6 @@ pub struct RenderArgs {
     pub size: (u32, u32),
 }
 
-/// `1,2.5,-3` as a point.
 /// A direction: three numbers that are not all zero.
 fn parse_up(text: &str) -> Result<[f64; 3], String> {
     let up = parse_point(text)?;
@@ -450,6 +458,7 @@ fn parse_up(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
+/// `1,2.5,-3` as a point.
 fn parse_point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Vec<f64> = text
         .split(',')

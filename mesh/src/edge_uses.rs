@@ -17,7 +17,7 @@ const HELD_USES: usize = 1 << 20;
 ///
 /// # Complexity
 /// Linear in the triangles where few of them meet at a vertex, and two passes over them for each 2^20 uses.
-pub(crate) fn for_each_edge(
+pub fn for_each_edge(
     triangles: &[[u32; 3]],
     vertices: usize,
     mut visit: impl FnMut([u32; 2], &[u32]),

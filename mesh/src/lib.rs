@@ -21,6 +21,8 @@ mod test_room;
 pub mod texture;
 mod types;
 
+pub use disjoint_sets::DisjointSets;
+pub use edge_uses::for_each_edge;
 pub use encode_image::encode_jpeg;
 pub use holes::close_holes;
 pub use io::{

@@ -19,6 +19,7 @@ mod render_view;
 mod simplify;
 mod stream;
 mod stream_lines;
+mod structure;
 mod synth;
 mod tiles;
 mod tiles_state;
@@ -72,6 +73,7 @@ pub fn run(cli: &Cli) -> anyhow::Result<Outcome> {
         Command::View(args) => view::run(args, verbosity),
         Command::Mesh(args) => mesh::run(args, verbosity),
         Command::Simplify(args) => simplify::run(args),
+        Command::Structure(args) => structure::run(args, verbosity),
         Command::Tiles(args) => tiles::run(args, verbosity),
     }
 }

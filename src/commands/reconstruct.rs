@@ -130,6 +130,7 @@ pub fn reconstruct(
     let settings = ResultSettings {
         formats: &formats,
         texture: args.texture.map(Into::into),
+        structure: args.structure,
         picture: !args.no_picture,
         richest: richest.order(),
         verbosity,

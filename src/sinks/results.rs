@@ -14,13 +14,15 @@ use super::output_folder::OutputFolder;
 use super::page::PageRecorder;
 use super::picture::{crosses, draw_picture};
 use super::report::RunLog;
-use super::simplified::simplified;
+use super::simplified::{line_ends, simplified};
+use super::structure::{StructureInput, write_structure};
 use super::surface_files::SurfaceFiles;
 use super::surface_page::write_surface_page;
 use crate::progress::Verbosity;
 use linecarve_engine::run::milliseconds;
 use linecarve_engine::texture::texture;
 use linecarve_engine::{Reconstruction, Source, camera_warning};
+use linecarve_structure::StructureOptions;
 
 /// What is written.
 pub(crate) struct ResultSettings<'a> {
@@ -28,6 +30,8 @@ pub(crate) struct ResultSettings<'a> {
     pub(crate) formats: &'a [Format],
     /// Format of the texture's image, when the mesh gets one.
     pub(crate) texture: Option<TextureFormat>,
+    /// Whether the planes of the mesh are written.
+    pub(crate) structure: bool,
     /// Whether `picture.png` is drawn.
     pub(crate) picture: bool,
     /// Number of the keyframe that the picture shows.
@@ -134,6 +138,21 @@ pub(crate) fn write_results(
     surface.translate(origin);
     let frame = recording.gltf_frame();
     surface.write(output, "", settings.formats, &frame)?;
+    if settings.structure {
+        let lines = surface.lines.as_ref().map(|(_, clusters)| clusters);
+        let segments = lines.map_or_else(Vec::new, |it| line_ends(&it.points, &it.lines));
+        let input = StructureInput {
+            mesh: &surface.mesh,
+            segments: &segments,
+            frame,
+            carved: Some((map.carver(), *origin)),
+            options: StructureOptions {
+                up: frame.up(),
+                ..StructureOptions::default()
+            },
+        };
+        write_structure(&input, output)?;
+    }
     if surface.lines.is_some() && settings.formats.contains(&Format::Glb) {
         let parts = surface.parts();
         write_glb(&output.file("scene.glb")?, &parts, frame)?;

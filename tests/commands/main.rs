@@ -33,6 +33,7 @@ mod simplify;
 mod stream;
 mod stream_cameras;
 mod stream_frames;
+mod structure;
 mod surface_keys;
 mod texture;
 mod tiles;

@@ -1,0 +1,109 @@
+//! What planes seem to be: floor, ceiling, walls.
+
+use serde::Serialize;
+
+use crate::structure::Structure;
+
+/// Planes are level or upright up to this angle: sine of 5 degrees.
+const SLANT: f64 = 0.087;
+/// A floor or a ceiling has at least this share of the largest level area that faces the same way.
+const SHARE: f64 = 0.25;
+
+/// What a plane seems to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// The lowest large level plane that faces up.
+    Floor,
+    /// The highest large level plane that faces down.
+    Ceiling,
+    /// Upright, and at least half as high as the room.
+    Wall,
+    /// Upright, and lower.
+    Upright,
+    /// Level, neither floor nor ceiling.
+    Level,
+    /// Anything else.
+    Other,
+}
+
+impl Kind {
+    /// The name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Floor => "floor",
+            Self::Ceiling => "ceiling",
+            Self::Wall => "wall",
+            Self::Upright => "upright",
+            Self::Level => "level",
+            Self::Other => "other",
+        }
+    }
+
+    /// The colour of its planes where the mesh has none: sRGB.
+    pub fn color(self) -> [u8; 3] {
+        match self {
+            Self::Floor => [176, 144, 108],
+            Self::Ceiling => [236, 234, 228],
+            Self::Wall => [206, 200, 184],
+            Self::Upright => [128, 160, 190],
+            Self::Level => [150, 180, 140],
+            Self::Other => [190, 150, 170],
+        }
+    }
+}
+
+/// Lowest and highest height of the vertices of each plane, along up.
+pub(crate) fn heights(structure: &Structure) -> Vec<[f64; 2]> {
+    let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; structure.planes.len()];
+    for polygon in &structure.polygons {
+        let range = &mut ranges[polygon.plane as usize];
+        for vertex in polygon.rings.iter().flatten() {
+            let height = structure
+                .up
+                .dot(&structure.positions[*vertex as usize].coords);
+            *range = [range[0].min(height), range[1].max(height)];
+        }
+    }
+    ranges
+}
+
+/// The kind of each plane, from its normal, its area and its height.
+pub(crate) fn kinds(structure: &Structure) -> Vec<Kind> {
+    let up = structure.up;
+    let ranges = heights(structure);
+    let level = |sign: f64| {
+        let planes = structure.planes.iter().enumerate();
+        let planes =
+            planes.filter(move |(_, it)| sign * it.normal.dot(&up) > (1.0 - SLANT * SLANT).sqrt());
+        let largest = planes.clone().map(|(_, it)| it.area).fold(0.0, f64::max);
+        let height = |it: usize| sign * structure.planes[it].center.coords.dot(&up);
+        planes
+            .filter(|(_, it)| it.area >= SHARE * largest)
+            .map(|(number, _)| number)
+            .min_by(|a, b| height(*a).total_cmp(&height(*b)))
+    };
+    let (floor, ceiling) = (level(1.0), level(-1.0));
+    let all = ranges
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |a, b| {
+            [a[0].min(b[0]), a[1].max(b[1])]
+        });
+    let center = |plane: Option<usize>, other: f64| {
+        plane.map_or(other, |it| structure.planes[it].center.coords.dot(&up))
+    };
+    let room = center(ceiling, all[1]) - center(floor, all[0]);
+    let kind = |number: usize| {
+        let slant = structure.planes[number].normal.dot(&up);
+        let height = ranges[number][1] - ranges[number][0];
+        match slant.abs() {
+            _ if floor == Some(number) => Kind::Floor,
+            _ if ceiling == Some(number) => Kind::Ceiling,
+            slant if slant > (1.0 - SLANT * SLANT).sqrt() => Kind::Level,
+            slant if slant > SLANT => Kind::Other,
+            _ if height >= 0.5 * room => Kind::Wall,
+            _ => Kind::Upright,
+        }
+    };
+    (0..structure.planes.len()).map(kind).collect()
+}

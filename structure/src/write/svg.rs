@@ -1,0 +1,271 @@
+//! The floor plan as SVG, to scale.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use linecarve_mesh::files::{WriteError, write_atomically};
+use nalgebra::{Point2, Vector2};
+
+use crate::kind::Kind;
+use crate::plan::Plan;
+use crate::structure::Structure;
+
+/// Scales on paper, and the longer side of the paper in millimetres (A3).
+const SCALES: [f64; 9] = [
+    10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0,
+];
+const PAPER_MM: f64 = 400.0;
+/// Space around the section, and between lines of dimensions.
+const MARGIN_MM: f64 = 14.0;
+const STEP_MM: f64 = 8.0;
+/// Distances drawn in one direction at most.
+const MOST: usize = 4;
+
+/// Writes a plan: walls, what else is cut, openings with their widths, and distances between walls with standard deviations. One unit of
+/// the mesh is taken as a metre. Of a structure without a plan the file says so.
+///
+/// # Errors
+/// When the file cannot be written.
+pub fn write_svg(
+    path: &Path,
+    structure: &Structure,
+    plan: Option<&Plan>,
+) -> Result<(), WriteError> {
+    let text = match plan {
+        Some(plan) => Drawing::new(plan).draw(structure, plan),
+        None => "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"80mm\" height=\"10mm\">\
+                 <text x=\"5\" y=\"20\">no walls</text></svg>\n"
+            .to_owned(),
+    };
+    write_atomically(path, |out| out.write_all(text.as_bytes()))
+}
+
+struct Drawing {
+    low: Point2<f64>,
+    high: Point2<f64>,
+    /// Millimetres a unit.
+    scale: f64,
+    ratio: f64,
+    text: String,
+    rows: usize,
+    columns: usize,
+}
+
+impl Drawing {
+    fn new(plan: &Plan) -> Self {
+        let pieces = plan.walls.iter().flat_map(|it| it.ends);
+        let points = pieces.chain(plan.rest.iter().flatten().copied());
+        let bounds = points
+            .map(|it| (it, it))
+            .reduce(|a, b| (a.0.inf(&b.0), a.1.sup(&b.1)));
+        let (low, high) = bounds.unwrap_or_default();
+        let longer = (high - low).amax();
+        let fits = |it: &f64| longer * 1000.0 / it <= PAPER_MM;
+        let ratio = SCALES.into_iter().find(fits).unwrap_or(10_000.0);
+        Self {
+            low,
+            high,
+            scale: 1000.0 / ratio,
+            ratio,
+            text: String::new(),
+            rows: 0,
+            columns: 0,
+        }
+    }
+
+    /// Position on paper: x to the right, y down.
+    fn at(&self, point: &Point2<f64>) -> [f64; 2] {
+        let from = self.scale * (point - self.low);
+        let height = self.scale * (self.high.y - self.low.y);
+        [MARGIN_MM + from.x, MARGIN_MM + height - from.y]
+    }
+
+    fn line(&mut self, [a, b]: [[f64; 2]; 2], class: &str) {
+        let [x1, y1, x2, y2] = [a[0], a[1], b[0], b[1]];
+        let _ = writeln!(
+            self.text,
+            "<line class=\"{class}\" x1=\"{x1:.2}\" y1=\"{y1:.2}\" x2=\"{x2:.2}\" y2=\"{y2:.2}\"/>"
+        );
+    }
+
+    fn label(&mut self, [x, y]: [f64; 2], turn: f64, label: &str) {
+        let _ = writeln!(
+            self.text,
+            "<text transform=\"translate({x:.2} {y:.2}) rotate({turn:.1})\" text-anchor=\"middle\">{label}</text>"
+        );
+    }
+
+    fn draw(mut self, structure: &Structure, plan: &Plan) -> String {
+        for ends in &plan.rest {
+            let ends = ends.map(|it| self.at(&it));
+            self.line(ends, "rest");
+        }
+        for piece in &plan.walls {
+            let kind = structure.planes[piece.plane as usize].kind;
+            let ends = piece.ends.map(|it| self.at(&it));
+            self.line(
+                ends,
+                if kind == Kind::Wall {
+                    "wall"
+                } else {
+                    "upright"
+                },
+            );
+        }
+        for opening in &plan.openings {
+            let [a, b] = opening.ends.map(|it| self.at(&it));
+            self.line([a, b], "opening");
+            let along = Vector2::new(b[0] - a[0], b[1] - a[1]);
+            let turn = readable(along.y.atan2(along.x).to_degrees());
+            let across = Vector2::new(along.y, -along.x).normalize();
+            let middle = [0, 1].map(|it| 0.5 * (a[it] + b[it]) + 2.5 * across[it]);
+            self.label(middle, turn, &format!("{:.3}", opening.width));
+        }
+        self.distances(structure, plan);
+        self.finish(plan)
+    }
+
+    /// Distances between walls that face each other, level ones below the section and the others beside it.
+    fn distances(&mut self, structure: &Structure, plan: &Plan) {
+        let upright = structure.upright_from_original();
+        let mut facing: Vec<_> = structure.distances.iter().filter(|it| it.facing).collect();
+        let area = |it: &crate::Distance| {
+            let areas = it.planes.map(|plane| structure.planes[plane as usize].area);
+            areas[0].min(areas[1])
+        };
+        facing.sort_by(|a, b| area(b).total_cmp(&area(a)));
+        for distance in facing {
+            let pieces = distance.planes.map(|plane| longest(plan, plane));
+            let [Some(one), Some(other)] = pieces else {
+                continue;
+            };
+            let normal = upright * structure.planes[distance.planes[0] as usize].normal;
+            let [a, b] = [one, other].map(|it| it.map(|end| self.at(&end)));
+            let label = format!("{:.3} ± {}", distance.value, significant(distance.sigma));
+            if normal.x.abs() > 0.98 && self.rows < MOST {
+                let lowest = MARGIN_MM + self.scale * (self.high.y - self.low.y);
+                let y = lowest + STEP_MM * (self.rows as f64 + 1.0);
+                self.rows += 1;
+                self.dimension([[a[0][0], y], [b[0][0], y]], [lower(&a), lower(&b)], &label);
+            } else if normal.y.abs() > 0.98 && self.columns < MOST {
+                let rightmost = MARGIN_MM + self.scale * (self.high.x - self.low.x);
+                let x = rightmost + STEP_MM * (self.columns as f64 + 1.0);
+                self.columns += 1;
+                self.dimension(
+                    [[x, a[0][1]], [x, b[0][1]]],
+                    [righter(&a), righter(&b)],
+                    &label,
+                );
+            }
+        }
+    }
+
+    fn dimension(&mut self, ends: [[f64; 2]; 2], from: [[f64; 2]; 2], label: &str) {
+        self.line(ends, "dimension");
+        for (end, from) in ends.iter().zip(from) {
+            self.line([from, *end], "extension");
+            self.line(
+                [[end[0] - 0.8, end[1] + 0.8], [end[0] + 0.8, end[1] - 0.8]],
+                "tick",
+            );
+        }
+        let is_level = (ends[1][0] - ends[0][0]).abs() > (ends[1][1] - ends[0][1]).abs();
+        let middle = [0, 1].map(|it| 0.5 * (ends[0][it] + ends[1][it]));
+        match is_level {
+            true => self.label([middle[0], middle[1] - 1.0], 0.0, label),
+            false => self.label([middle[0] - 1.0, middle[1]], -90.0, label),
+        }
+    }
+
+    fn finish(mut self, plan: &Plan) -> String {
+        let section = self.scale * (self.high - self.low);
+        let foot = MARGIN_MM + section.y + STEP_MM * (self.rows as f64 + 1.0) + 6.0;
+        // A scale bar of one, two or five units of some power of ten.
+        let raw = section.x / self.scale / 4.0;
+        let power = 10_f64.powf(raw.max(f64::MIN_POSITIVE).log10().floor());
+        let bar = [5.0, 2.0, 1.0]
+            .into_iter()
+            .map(|it| it * power)
+            .find(|it| *it <= raw);
+        let bar = bar.unwrap_or(power);
+        let length = bar * self.scale;
+        self.line([[MARGIN_MM, foot], [MARGIN_MM + length, foot]], "wall");
+        self.label(
+            [MARGIN_MM + 0.5 * length, foot + 4.5],
+            0.0,
+            &format!("{bar} m"),
+        );
+        let height = match plan.above_floor {
+            Some(height) => format!("section {height:.2} m above the floor"),
+            None => format!("section at {:.2} m", plan.height),
+        };
+        let title = format!("1 : {}, {height}", self.ratio);
+        let _ = writeln!(
+            self.text,
+            "<text x=\"{:.2}\" y=\"{:.2}\">{title}</text>",
+            MARGIN_MM + length + 6.0,
+            foot + 1.0
+        );
+        let width = (2.0 * MARGIN_MM + section.x + STEP_MM * (self.columns as f64 + 1.0))
+            .max(MARGIN_MM + length + 80.0);
+        let height = foot + 9.0;
+        let style = "line{stroke-linecap:round;stroke:#222}.wall{stroke-width:.7}.upright{stroke-width:.35}\
+            .rest{stroke:#999;stroke-width:.18}.opening{stroke:#2060c8;stroke-width:.35;stroke-dasharray:1.5 1}\
+            .dimension,.tick{stroke-width:.18}.extension{stroke:#aaa;stroke-width:.1}text{font:3px sans-serif;fill:#222}";
+        format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.2}mm\" height=\"{height:.2}mm\" \
+             viewBox=\"0 0 {width:.2} {height:.2}\">\n<style>{style}</style>\n\
+             <rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n{}</svg>\n",
+            self.text
+        )
+    }
+}
+
+/// The longest piece of a plane.
+fn longest(plan: &Plan, plane: u32) -> Option<[Point2<f64>; 2]> {
+    let own = plan
+        .walls
+        .iter()
+        .filter(|it| it.plane == plane)
+        .map(|it| it.ends);
+    own.reduce(|a, b| {
+        if (b[1] - b[0]).norm() > (a[1] - a[0]).norm() {
+            b
+        } else {
+            a
+        }
+    })
+}
+
+fn lower(ends: &[[f64; 2]; 2]) -> [f64; 2] {
+    if ends[0][1] > ends[1][1] {
+        ends[0]
+    } else {
+        ends[1]
+    }
+}
+
+fn righter(ends: &[[f64; 2]; 2]) -> [f64; 2] {
+    if ends[0][0] > ends[1][0] {
+        ends[0]
+    } else {
+        ends[1]
+    }
+}
+
+/// An angle at which text is not upside down: degrees.
+fn readable(degrees: f64) -> f64 {
+    if degrees > 90.0 {
+        degrees - 180.0
+    } else if degrees <= -90.0 {
+        degrees + 180.0
+    } else {
+        degrees
+    }
+}
+
+/// Two significant digits, as far as they are behind the point; no more than six.
+fn significant(value: f64) -> String {
+    let digits = (1.0 - value.max(1e-6).log10().floor()).clamp(1.0, 6.0) as usize;
+    format!("{value:.digits$}")
+}
