@@ -64,7 +64,9 @@ fn a_room_is_six_polygons_in_every_format_for_any_number_of_threads() {
     let found = run(&mesh, &outs[0], "1");
     assert_eq!(run(&mesh, &outs[1], "3"), found);
     for name in FILES {
-        let [one, two] = outs.each_ref().map(|out| std::fs::read(out.join(name)).unwrap());
+        let [one, two] = outs
+            .each_ref()
+            .map(|out| std::fs::read(out.join(name)).unwrap());
         assert!(!one.is_empty() && one == two, "{name}");
     }
     assert_eq!(found["polygons"], 6);
@@ -72,7 +74,10 @@ fn a_room_is_six_polygons_in_every_format_for_any_number_of_threads() {
     let distances = found["distances"].as_array().unwrap();
     assert_eq!(distances.len(), 3);
     for distance in distances {
-        assert!((distance["value"].as_f64().unwrap() - 2.4).abs() < 1e-6, "{distance}");
+        assert!(
+            (distance["value"].as_f64().unwrap() - 2.4).abs() < 1e-6,
+            "{distance}"
+        );
     }
 }
 
@@ -82,7 +87,12 @@ fn what_has_no_plane_is_a_negative_result() {
     let mesh = folder.path().join("one.obj");
     std::fs::write(&mesh, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
     let out = folder.path().join("out");
-    let arguments = ["structure", mesh.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let arguments = [
+        "structure",
+        mesh.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+    ];
     let message = stderr(&expect_status(1, arguments));
     assert!(message.contains("no plane was found"), "{message}");
 }

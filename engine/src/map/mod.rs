@@ -87,7 +87,7 @@ enum Contents {
     Segments(Box<SegmentMap>),
     Lines(Box<LineMap>),
     Features(Box<FeatureMap>),
-    Model(ModelMap),
+    Model(Box<ModelMap>),
     Observed(Box<ObservedMap>),
 }
 

@@ -426,10 +426,13 @@ pub(super) fn smallest_pixel(
 /// Assumed standard deviation of the pixels of a model, which do not come with one.
 const PIXEL_SIGMA_PX: f64 = 1.0;
 
+/// The points of a model, and where they are joined their views with weights, by view.
+type WeightedPoints<'a> = (&'a [ModelPoint], Option<&'a [Vec<[u32; 2]>]>);
+
 /// Adds a view, its observations and its new points.
 fn add_view(
     transaction: &mut Transaction<'_>,
-    (record, (own, rays)): (&ModelView, (&[ModelPoint], Option<&[Vec<[u32; 2]>]>)),
+    (record, (own, rays)): (&ModelView, WeightedPoints<'_>),
     view: usize,
     points_of_view: &[u32],
     (points, sigmas): (&mut [Option<PointId>], &[Option<f64>]),

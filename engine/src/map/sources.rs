@@ -114,7 +114,11 @@ impl Map {
         let mut options = options.clone();
         // Which triangles on the hull are surface, points and views say.
         options.surface.keep_hull |= model.cloud().is_some();
-        Ok(Self::new(&options, Contents::Model(model), median_depth))
+        Ok(Self::new(
+            &options,
+            Contents::Model(Box::new(model)),
+            median_depth,
+        ))
     }
 
     /// An empty map of points whose views and observations come with [`observe`](Self::observe). Without `median_depth` the length

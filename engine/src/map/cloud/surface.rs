@@ -5,7 +5,7 @@
 //! pixels and than the points lie apart, and views see it from the side or from behind.
 
 use linecarve_carving::internals::{RankedSurface, assemble};
-use linecarve_carving::{ExportOptions, VertexId};
+use linecarve_carving::{ExportOptions, TriangleRole, VertexId, VertexOrigin};
 use linecarve_mesh::TriangleMesh;
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
@@ -163,17 +163,21 @@ impl CloudSurface {
         export: &ExportOptions,
     ) -> TriangleMesh {
         let corner = |rank: u32| Point3::from(ranked.positions[rank as usize]);
-        let is_exported = |ranks: &[u32; 3]| {
+        let role = |ranks: &[u32; 3]| {
             let corners = ranks.map(corner);
             let [p, q, r] = corners;
             let edges = [q - p, r - q, p - r].map(|edge| edge.norm_squared());
             let is_short = |longest: f64| edges.iter().all(|edge| *edge <= longest * longest);
-            export.longest_edge.is_none_or(is_short) && self.supports(corners)
+            match export.longest_edge.is_none_or(is_short) && self.supports(corners) {
+                true => TriangleRole::Exported,
+                false => TriangleRole::Counted,
+            }
         };
-        let is_exported: Vec<bool> = ranked.triangles.iter().map(is_exported).collect();
-        let (mesh, ranks) = assemble(ranked, &is_exported, export);
-        let of_rank = |rank: Option<u32>| rank.map(|rank| VertexId::from_index(rank as usize));
-        let origins: Vec<Option<VertexId>> = ranks.into_iter().map(of_rank).collect();
+        let roles: Vec<TriangleRole> = ranked.triangles.iter().map(role).collect();
+        let (mesh, origins) = assemble(ranked, &roles, export);
+        let of_rank =
+            |origin: VertexOrigin<u32>| origin.map(|rank| VertexId::from_index(rank as usize));
+        let origins: Vec<VertexOrigin<VertexId>> = origins.into_iter().map(of_rank).collect();
         let vertices = CloudVertices {
             surface: self,
             position: |vertex: VertexId| corner(vertex.index() as u32),

@@ -30,7 +30,7 @@ fn square(count: usize, sigma: f64) -> Vec<SeenPoint> {
     let mut point = |index: usize| {
         let mut at = [4.0 + 3.9 * noise.next(), 4.0 + 3.9 * noise.next(), 0.4];
         at.iter_mut().for_each(|x| *x += sigma * noise.normal());
-        if index % 10 == 0 {
+        if index.is_multiple_of(10) {
             at[2] += 3.0 + 2.0 * noise.next();
         }
         SeenPoint {
