@@ -49,7 +49,7 @@ fn centers() -> Vec<Point3<f64>> {
 }
 
 fn joined(points: Vec<SeenPoint>) -> Vec<JoinedPoint> {
-    join(points, top_level(8.0), &centers())
+    join(points, top_level(32.0), &centers())
 }
 
 #[test]
@@ -72,20 +72,20 @@ fn noise_is_measured_in_spite_of_wrong_points() {
 
 #[test]
 fn points_join_in_any_order_and_part_by_part() {
-    let points = square(20_000, 0.01);
+    let points = square(60_000, 0.01);
     let whole = joined(points.clone());
-    assert!(whole.len() < points.len() / 3, "{}", whole.len());
+    assert!(whole.len() < points.len() / 2, "{}", whole.len());
     let rays = |points: &[JoinedPoint]| -> u32 {
         let rays = points.iter().flat_map(|point| &point.rays);
         rays.map(|[_, count]| count).sum()
     };
-    assert_eq!(rays(&whole), 2 * 20_000);
+    assert_eq!(rays(&whole), 2 * 60_000);
     let mut other = points.clone();
     other.reverse();
     other.rotate_left(777);
     assert_eq!(joined(other), whole);
     // Cubes of the top level, one after the other.
-    let top = top_level(8.0);
+    let top = top_level(32.0);
     let mut sorted = points;
     sorted.sort_by_key(|point| top_cube(&point.position, top));
     let parts = sorted.chunk_by(|a, b| top_cube(&a.position, top) == top_cube(&b.position, top));
@@ -107,7 +107,7 @@ fn sparse_points_and_both_sides_of_a_plate_stay_apart() {
         .for_each(|point| point.views = vec![3]);
     let mut centers = centers();
     centers.push(Point3::new(4.0, 4.0, -9.0));
-    let joined = join(points, top_level(8.0), &centers);
+    let joined = join(points, top_level(32.0), &centers);
     let dense = joined.iter().filter(|point| point.is_dense);
     let is_mixed =
         |point: &&JoinedPoint| point.rays.len() > 1 && point.rays.iter().any(|ray| ray[0] == 3);
