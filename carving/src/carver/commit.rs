@@ -136,10 +136,12 @@ pub(super) fn enter_support(
 ) -> Vec<ObservationId> {
     let changed: FxHashSet<u32> = changed.iter().map(|ray| ray.0).collect();
     let mut listed = Vec::new();
+    let mut rays: Vec<ObservationId> = Vec::new();
     for &point in points {
         let support = table.total_weight(point);
-        let rays: Vec<ObservationId> = table.of_point(point).collect();
-        for ray in rays {
+        rays.clear();
+        rays.extend(table.of_point(point));
+        for &ray in &rays {
             if table.support(ray) == support {
                 continue;
             }
@@ -228,9 +230,7 @@ impl Carver {
             changed_rays.clear();
             changed_rays.extend(self.rays.table().all());
             let table = self.rays.table_mut();
-            for &ray in &reweighed {
-                table.set_support(ray, table.total_weight(table.point(ray)));
-            }
+            reweighed.iter().for_each(|ray| table.update_support(*ray));
         }
         self.cells.begin_update(&self.tetrahedra, &changes);
         self.views.locate_stale(&self.tetrahedra, |cell| {
@@ -240,7 +240,7 @@ impl Carver {
         rays.rewalk(&mut space, &changes);
         space.cells.end_update(&changes);
         if !is_rebuilt {
-            rays.reweigh(&mut space, &reweighed, Rays::total_weight);
+            rays.reweigh(&mut space, &reweighed);
         }
         rays.add(&mut space, &mut changed_rays);
         self.update_samples(plan, &changes, is_rebuilt);

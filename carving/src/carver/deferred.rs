@@ -130,7 +130,7 @@ impl Carver {
         let table = self.rays.table_mut();
         plan.rays.enter(table, ends, first_new_view, &mut rays);
         for ray in enter_support(table, &affected.supported, &[]) {
-            table.set_support(ray, table.total_weight(table.point(ray)));
+            table.update_support(ray);
         }
         self.enter_samples(plan, true);
         CommitReport::default()

@@ -1,4 +1,4 @@
-//! The plan of a dense cloud, in memory that does not grow with it.
+//! The plan of a dense cloud. Points and rays pass through files; what the mesh needs of each point ([`CloudSurface`]) is in memory.
 
 use std::path::Path;
 

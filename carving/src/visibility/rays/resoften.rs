@@ -5,9 +5,9 @@
 use crate::tetrahedralization::VertexId;
 
 use super::super::{ObservationId, Space, Sum};
+use super::RayVisibility;
 use super::evidence::RayEvidence;
 use super::line::ShearedLine;
-use super::{RayVisibility, Rays};
 
 impl RayVisibility {
     /// Gives rays that the cells list other standard deviations; `sigma` is that of a point. Nothing else about them, and no cell, may
@@ -49,25 +49,19 @@ impl RayVisibility {
     }
 
     /// Follows a change of the total weight of the rays to points: what lies behind these counts more or less. The rays are listed by the
-    /// cells, and `support` gives the total weight for a point.
+    /// cells.
     ///
     /// # Complexity
     ///
     /// Linear in the number of rays.
-    pub(crate) fn reweigh(
-        &mut self,
-        space: &mut Space<'_>,
-        rays: &[ObservationId],
-        support: impl Fn(&Rays, u32) -> u32,
-    ) {
+    pub(crate) fn reweigh(&mut self, space: &mut Space<'_>, rays: &[ObservationId]) {
         for &ray in rays {
             let weight = |rays: &Self, space: &Space<'_>| {
                 let evidence = rays.walker(space).evidence(ray);
                 evidence.map_or(0, |evidence| evidence.anchor_weight())
             };
             let before = weight(self, space);
-            let support = support(&self.table, self.table.point(ray));
-            self.table.set_support(ray, support);
+            self.table.update_support(ray);
             let after = weight(self, space);
             if before != after
                 && let Some(cell) = self.anchors.cell(ray.0)

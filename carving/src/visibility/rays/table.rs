@@ -182,7 +182,7 @@ impl Rays {
         self.records[ray.0 as usize].weight
     }
 
-    /// Total weight of the rays to the point of a ray, as of [`set_support`](Self::set_support).
+    /// Total weight of the rays to the point of a ray, as of the last [update](Self::update_support).
     #[inline]
     pub(crate) fn support(&self, ray: ObservationId) -> u32 {
         self.records[ray.0 as usize].support
@@ -190,6 +190,11 @@ impl Rays {
 
     pub(crate) fn set_support(&mut self, ray: ObservationId, support: u32) {
         self.records[ray.0 as usize].support = support;
+    }
+
+    /// Notes the total weight of the rays to the point of a ray.
+    pub(crate) fn update_support(&mut self, ray: ObservationId) {
+        self.set_support(ray, self.total_weight(self.point(ray)));
     }
 
     /// Total weight of the rays to a point. Linear in their number.

@@ -243,18 +243,4 @@ impl<F: Fn(VertexId) -> Point3<f64> + Sync> VertexSource for CloudVertices<'_, F
     fn fit(&self, vertex: VertexId) -> FittedVertex {
         self.surface.fit((self.position)(vertex))
     }
-
-    fn is_measured_by_newest(&self, _vertex: VertexId) -> bool {
-        false
-    }
-
-    fn segment_reach(&self) -> f64 {
-        0.0
-    }
-
-    fn visit_segments(&self, _position: &Point3<f64>, _visit: &mut dyn FnMut([Point3<f64>; 2])) {}
-
-    fn color(&self, _vertex: VertexId) -> Option<[u8; 3]> {
-        None
-    }
 }

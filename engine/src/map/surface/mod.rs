@@ -89,16 +89,22 @@ pub(super) trait VertexSource: Sync {
     fn fit(&self, vertex: VertexId) -> FittedVertex;
 
     /// Whether the newest keyframe measured a surface at a vertex.
-    fn is_measured_by_newest(&self, vertex: VertexId) -> bool;
+    fn is_measured_by_newest(&self, _vertex: VertexId) -> bool {
+        false
+    }
 
     /// How far vertices on edges and boundaries move onto segments.
-    fn segment_reach(&self) -> f64;
+    fn segment_reach(&self) -> f64 {
+        0.0
+    }
 
     /// Visits the segments within that of a position, and others.
-    fn visit_segments(&self, position: &Point3<f64>, visit: &mut dyn FnMut([Point3<f64>; 2]));
+    fn visit_segments(&self, _position: &Point3<f64>, _visit: &mut dyn FnMut([Point3<f64>; 2])) {}
 
     /// The observed colour of a vertex.
-    fn color(&self, vertex: VertexId) -> Option<[u8; 3]>;
+    fn color(&self, _vertex: VertexId) -> Option<[u8; 3]> {
+        None
+    }
 }
 
 /// Vertices as they are carved, without colours.
@@ -111,20 +117,6 @@ impl VertexSource for CarvedVertices<'_> {
             bound: 0.0,
             views: 0,
         }
-    }
-
-    fn is_measured_by_newest(&self, _vertex: VertexId) -> bool {
-        false
-    }
-
-    fn segment_reach(&self) -> f64 {
-        0.0
-    }
-
-    fn visit_segments(&self, _position: &Point3<f64>, _visit: &mut dyn FnMut([Point3<f64>; 2])) {}
-
-    fn color(&self, _vertex: VertexId) -> Option<[u8; 3]> {
-        None
     }
 }
 
