@@ -247,6 +247,33 @@ mod tests {
     }
 
     #[test]
+    fn tiles_give_the_mesh_of_one_process() {
+        let folder = tempfile::tempdir().unwrap();
+        let city = folder.path().join("city");
+        let options = linecarve_synth::CityOptions {
+            points: 3000,
+            seed: 1,
+        };
+        linecarve_synth::write_city(&options, &city).unwrap();
+        let input = cloud_of(&city);
+        let out = folder.path().join("mesh.ply");
+        let tiled = in_tiles(&input, Options::default(), &out).unwrap();
+        let whole = at_once(&input, Options::default(), Verbosity::Quiet).unwrap();
+        assert!(whole.triangles.len() > 1000);
+        assert_eq!(tiled.triangles, whole.triangles);
+        // Files have single precision.
+        let single = |mesh: &TriangleMesh| -> Vec<[f32; 3]> {
+            let positions = mesh.positions.iter();
+            positions
+                .map(|p| p.coords.map(|x| x as f32).into())
+                .collect()
+        };
+        assert_eq!(single(&tiled), single(&whole));
+        // Nothing is left beside the mesh.
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    }
+
+    #[test]
     fn the_cloud_of_a_workspace_is_found() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(cloud_of(folder.path()), folder.path());
