@@ -1,5 +1,7 @@
-//! The plan of a dense cloud. Points and rays pass through files; what the mesh needs of each point ([`CloudSurface`]) is in memory.
+//! The plan of a dense cloud, in memory that does not grow with it.
 
+use std::fs::File;
+use std::io::{BufWriter, Seek, Write};
 use std::path::Path;
 
 use linecarve_carving::Hull;
@@ -7,11 +9,14 @@ use linecarve_mesh::files::write_atomically;
 use linecarve_sequence::{DenseCloud, ModelView};
 use linecarve_tiles::{PlanOptions, Planner, SeenPoint, Work};
 use nalgebra::Point3;
+use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use super::median::Medians;
 use super::spill::Spill;
 use super::{Finish, POINTS_OF_TILE, ProjectError, Split};
-use crate::map::cloud::{CloudSurface, ViewStatistics, join, top_level};
+use crate::map::cloud::{
+    CloudSurface, JoinedPoint, ViewStatistics, append_centers, append_record, join, top_level,
+};
 use crate::map::{PointSelector, carver_options, export_options};
 use crate::options::Options;
 use crate::recording::{PointExtent, model_origin};
@@ -64,7 +69,7 @@ pub(super) fn plan(
         }
         Ok::<(), ProjectError>(())
     })?;
-    let mut surface = CloudSurface::new(centers.clone());
+    let mut surface = SurfaceFile::new(folder).map_err(file_error)?;
     let mut is_dense = false;
     spill.visit(folder, |points| {
         for point in join(points, top, &centers) {
@@ -74,7 +79,7 @@ pub(super) fn plan(
                 rays: &point.rays,
             })?;
             is_dense |= point.is_dense;
-            surface.add(&point);
+            surface.add(&point).map_err(file_error)?;
         }
         Ok::<(), ProjectError>(())
     })?;
@@ -90,13 +95,52 @@ pub(super) fn plan(
     }
     let work = planner.finish(carver, export, finish)?;
     if is_dense {
-        write_surface(&surface, folder)?;
+        surface.keep(&centers, folder)?;
     }
     Ok(work)
 }
 
-/// Name of the file with what the mesh of a dense cloud needs of its points.
+/// Name of the file with what the mesh of a dense cloud needs of its points, and at its end a digest of that.
 const FILE: &str = "cloud";
+
+/// What the mesh of a dense cloud needs of its points, while it is not known whether the cloud is one.
+struct SurfaceFile {
+    /// Without a name.
+    records: BufWriter<File>,
+    record: Vec<u8>,
+    hash: Xxh3,
+}
+
+impl SurfaceFile {
+    fn new(folder: &Path) -> std::io::Result<Self> {
+        Ok(Self {
+            records: BufWriter::new(tempfile::tempfile_in(folder)?),
+            record: Vec::new(),
+            hash: Xxh3::new(),
+        })
+    }
+
+    fn add(&mut self, point: &JoinedPoint) -> std::io::Result<()> {
+        self.record.clear();
+        append_record(point, &mut self.record);
+        self.hash.update(&self.record);
+        self.records.write_all(&self.record)
+    }
+
+    fn keep(mut self, centers: &[Point3<f64>], folder: &Path) -> Result<(), ProjectError> {
+        self.record.clear();
+        append_centers(centers, &mut self.record);
+        self.hash.update(&self.record);
+        let copy = |out: &mut dyn Write| {
+            let mut records = self.records.into_inner()?;
+            records.rewind()?;
+            std::io::copy(&mut records, out)?;
+            out.write_all(&self.record)?;
+            out.write_all(&self.hash.digest().to_le_bytes())
+        };
+        Ok(write_atomically(&folder.join(FILE), copy)?)
+    }
+}
 
 /// Keeps what the mesh of a dense cloud needs of its points.
 ///
@@ -104,20 +148,26 @@ const FILE: &str = "cloud";
 /// When the file cannot be written.
 pub(super) fn write_surface(surface: &CloudSurface, folder: &Path) -> Result<(), ProjectError> {
     let bytes = surface.to_bytes();
-    write_atomically(&folder.join(FILE), |out| out.write_all(&bytes))?;
+    write_atomically(&folder.join(FILE), |out| {
+        out.write_all(&bytes)?;
+        out.write_all(&xxh3_64(&bytes).to_le_bytes())
+    })?;
     Ok(())
 }
 
-/// What [`write_surface`] kept.
+/// What was kept.
 ///
 /// # Errors
 /// When the file is missing or damaged.
 pub(super) fn read_surface(folder: &Path) -> Result<CloudSurface, ProjectError> {
     let path = folder.join(FILE);
-    let damaged = || {
+    let file = std::fs::read(&path).map_err(ProjectError::file(&path))?;
+    let whole = file.split_last_chunk::<8>();
+    let bytes = whole.filter(|(bytes, digest)| xxh3_64(bytes).to_le_bytes() == **digest);
+    let surface = bytes.and_then(|(bytes, _)| CloudSurface::from_bytes(bytes));
+    surface.ok_or_else(|| {
         let problem = "the file is damaged: plan into an empty folder";
-        std::io::Error::new(std::io::ErrorKind::InvalidData, problem)
-    };
-    let bytes = std::fs::read(&path).map_err(ProjectError::file(&path))?;
-    CloudSurface::from_bytes(&bytes).ok_or_else(|| ProjectError::file(&path)(damaged()))
+        let damaged = std::io::Error::new(std::io::ErrorKind::InvalidData, problem);
+        ProjectError::file(&path)(damaged)
+    })
 }

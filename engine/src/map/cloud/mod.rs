@@ -24,8 +24,8 @@ use nalgebra::Point3;
 pub(crate) use density::ViewStatistics;
 pub(crate) use join::join;
 pub(crate) use octree::{top_cube, top_level};
-pub(crate) use surface::CloudSurface;
 pub(in crate::map) use surface::CloudVertices;
+pub(crate) use surface::{CloudSurface, append_centers, append_record};
 
 /// A point of a cloud.
 #[derive(Debug, Clone, PartialEq)]

@@ -9,7 +9,6 @@ use linecarve_carving::{ExportOptions, TriangleRole, VertexId, VertexOrigin};
 use linecarve_mesh::TriangleMesh;
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
-use xxhash_rust::xxh3::xxh3_64;
 
 use super::JoinedPoint;
 use crate::map::surface::{FittedVertex, VertexSource, fitted_positions};
@@ -41,6 +40,72 @@ struct Known {
     views: [u32; 2],
 }
 
+/// What is known of a point, as files hold it.
+struct Record {
+    key: [u64; 3],
+    bound: f64,
+    reach: f64,
+    views: Vec<u32>,
+}
+
+impl Record {
+    /// `None` for points without a pixel size, of which nothing is known.
+    fn of(point: &JoinedPoint) -> Option<Self> {
+        Some(Self {
+            key: key(&point.position),
+            bound: match point.is_dense {
+                true => BOUND_SIGMAS * point.sigma.unwrap_or(0.0),
+                false => 0.0,
+            },
+            reach: point.reach?,
+            views: point.rays.iter().map(|[view, _]| *view).collect(),
+        })
+    }
+
+    fn put(&self, out: &mut Vec<u8>) {
+        let [x, y, z] = self.key;
+        let (bound, reach) = (self.bound.to_bits(), self.reach.to_bits());
+        for word in [x, y, z, bound, reach, self.views.len() as u64] {
+            out.extend(word.to_le_bytes());
+        }
+        out.extend(self.views.iter().flat_map(|view| view.to_le_bytes()));
+    }
+
+    fn take(bytes: &mut &[u8]) -> Option<Self> {
+        let mut word = || {
+            let (word, rest) = bytes.split_first_chunk::<8>()?;
+            *bytes = rest;
+            Some(u64::from_le_bytes(*word))
+        };
+        let key = [word()?, word()?, word()?];
+        let (bound, reach) = (f64::from_bits(word()?), f64::from_bits(word()?));
+        let count = usize::try_from(word()?).ok()?;
+        let (views, rest) = bytes.split_at_checked(count.checked_mul(4)?)?;
+        *bytes = rest;
+        let view = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().unwrap_or_default());
+        Some(Self {
+            key,
+            bound,
+            reach,
+            views: views.chunks_exact(4).map(view).collect(),
+        })
+    }
+}
+
+/// Appends what is known of a point.
+pub(crate) fn append_record(point: &JoinedPoint, out: &mut Vec<u8>) {
+    if let Some(record) = Record::of(point) {
+        record.put(out);
+    }
+}
+
+/// Appends the centres of the views.
+pub(crate) fn append_centers(centers: &[Point3<f64>], out: &mut Vec<u8>) {
+    let coordinates = centers.iter().flat_map(|center| center.iter());
+    out.extend(coordinates.flat_map(|x| x.to_le_bytes()));
+    out.extend((centers.len() as u64).to_le_bytes());
+}
+
 fn key(position: &Point3<f64>) -> [u64; 3] {
     // Zero has one sign.
     <[f64; 3]>::from(position.coords).map(|x| (x + 0.0).to_bits())
@@ -52,108 +117,74 @@ impl CloudSurface {
         points: impl Iterator<Item = &'a JoinedPoint>,
         centers: Vec<Point3<f64>>,
     ) -> Self {
-        let mut surface = Self::new(centers);
-        points.for_each(|point| surface.add(point));
+        let mut surface = Self {
+            centers,
+            ..Self::default()
+        };
+        for record in points.filter_map(Record::of) {
+            surface.add(record);
+        }
         surface
     }
 
-    /// No points yet.
-    pub(crate) fn new(centers: Vec<Point3<f64>>) -> Self {
-        Self {
-            centers,
-            ..Self::default()
-        }
-    }
-
     /// Adds a point. Of points at one position the last counts.
-    pub(crate) fn add(&mut self, point: &JoinedPoint) {
-        let Some(reach) = point.reach else {
-            return;
-        };
-        let bound = match point.is_dense {
-            true => BOUND_SIGMAS * point.sigma.unwrap_or(0.0),
-            false => 0.0,
-        };
+    fn add(&mut self, record: Record) {
         let start = self.views.len() as u32;
-        self.views.extend(point.rays.iter().map(|[view, _]| *view));
+        self.views.extend(record.views);
         let views = [start, self.views.len() as u32];
-        self.index
-            .insert(key(&point.position), self.points.len() as u32);
+        self.index.insert(record.key, self.points.len() as u32);
         self.points.push(Known {
-            bound,
-            reach,
+            bound: record.bound,
+            reach: record.reach,
             views,
         });
     }
 
-    /// As a file holds it; a digest of all is at the end.
+    /// As a file holds it: its points in the order in which they were added, then the views, as [`append_record`] and [`append_centers`]
+    /// write them.
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
         let mut keys = vec![[0; 3]; self.points.len()];
         for (key, index) in &self.index {
             keys[*index as usize] = *key;
         }
-        let counts = [self.points.len(), self.views.len(), self.centers.len()];
         let mut bytes = Vec::new();
-        counts
-            .iter()
-            .for_each(|count| bytes.extend((*count as u64).to_le_bytes()));
-        for (key, point) in keys.iter().zip(&self.points) {
-            key.iter().for_each(|bits| bytes.extend(bits.to_le_bytes()));
-            bytes.extend(point.bound.to_le_bytes());
-            bytes.extend(point.reach.to_le_bytes());
-            point
-                .views
-                .iter()
-                .for_each(|at| bytes.extend(at.to_le_bytes()));
+        for (key, point) in keys.into_iter().zip(&self.points) {
+            let [start, end] = point.views.map(|at| at as usize);
+            let record = Record {
+                key,
+                bound: point.bound,
+                reach: point.reach,
+                views: self.views[start..end].to_vec(),
+            };
+            record.put(&mut bytes);
         }
-        self.views
-            .iter()
-            .for_each(|view| bytes.extend(view.to_le_bytes()));
-        let coordinates = self.centers.iter().flat_map(|center| center.iter());
-        coordinates.for_each(|x| bytes.extend(x.to_le_bytes()));
-        let digest = xxh3_64(&bytes);
-        bytes.extend(digest.to_le_bytes());
+        append_centers(&self.centers, &mut bytes);
         bytes
     }
 
-    /// What [`to_bytes`](Self::to_bytes) wrote; `None` where the file is damaged.
+    /// What [`to_bytes`](Self::to_bytes) wrote; `None` where it is damaged.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
-        let (bytes, digest) = bytes.split_at_checked(bytes.len().checked_sub(8)?)?;
-        if xxh3_64(bytes).to_le_bytes() != *digest {
-            return None;
-        }
-        let mut words = bytes
-            .chunks_exact(8)
-            .map(|word| word.try_into().unwrap_or_default());
-        let mut next = || words.next().map(u64::from_le_bytes);
-        let [points, views, centers] = [next()?, next()?, next()?].map(|count| count as usize);
-        let mut surface = Self::default();
-        for number in 0..points {
-            let key = [next()?, next()?, next()?];
-            let (bound, reach) = (f64::from_bits(next()?), f64::from_bits(next()?));
-            let ends = next()?;
-            let ends = [ends as u32, (ends >> 32) as u32];
-            if ends[0] > ends[1] || ends[1] as usize > views {
+        let (bytes, count) = bytes.split_last_chunk::<8>()?;
+        let length = usize::try_from(u64::from_le_bytes(*count))
+            .ok()?
+            .checked_mul(24)?;
+        let (mut bytes, centers) = bytes.split_at_checked(bytes.len().checked_sub(length)?)?;
+        let coordinate = |bytes: &[u8]| f64::from_le_bytes(bytes.try_into().unwrap_or_default());
+        let coordinates: Vec<f64> = centers.chunks_exact(8).map(coordinate).collect();
+        let center = |c: &[f64]| Point3::new(c[0], c[1], c[2]);
+        let mut surface = Self {
+            centers: coordinates.chunks_exact(3).map(center).collect(),
+            ..Self::default()
+        };
+        while !bytes.is_empty() {
+            let record = Record::take(&mut bytes)?;
+            let is_known = |view: &u32| (*view as usize) < surface.centers.len();
+            if !record.views.iter().all(is_known) {
                 return None;
             }
-            // Points at one position: the last counts.
-            surface.index.insert(key, number as u32);
-            surface.points.push(Known {
-                bound,
-                reach,
-                views: ends,
-            });
+            surface.add(record);
         }
-        let rest = bytes.get(24 + 48 * points..)?;
-        let (seen, rest) = rest.split_at_checked(4 * views)?;
-        let view = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().unwrap_or_default());
-        surface.views = seen.chunks_exact(4).map(view).collect();
-        let coordinate = |bytes: &[u8]| f64::from_le_bytes(bytes.try_into().unwrap_or_default());
-        let coordinates: Vec<f64> = rest.chunks_exact(8).map(coordinate).collect();
-        let center = |c: &[f64]| Point3::new(c[0], c[1], c[2]);
-        surface.centers = coordinates.chunks_exact(3).map(center).collect();
-        let is_known = |view: &u32| (*view as usize) < centers;
-        (surface.centers.len() == centers && surface.views.iter().all(is_known)).then_some(surface)
+        Some(surface)
     }
 
     /// The exported surface, of all triangles that were carved from the points.

@@ -143,6 +143,13 @@ fn wide_triangles_need_a_view_that_faces_them() {
     assert!(at(0.8).supports(small));
     let surface = at(9.0);
     let bytes = surface.to_bytes();
+    // The same, one point after the other.
+    let mut appended = Vec::new();
+    for point in &points {
+        append_record(point, &mut appended);
+    }
+    append_centers(&[Point3::new(0.5, -9.0, 9.0)], &mut appended);
+    assert_eq!(appended, bytes);
     let read = CloudSurface::from_bytes(&bytes).unwrap();
     assert!(read.supports(wide) && read.to_bytes() == bytes);
     let position = |_: VertexId| points[1].position;
@@ -151,9 +158,11 @@ fn wide_triangles_need_a_view_that_faces_them() {
         position,
     };
     assert_eq!(vertices.fit(VertexId::from_index(0)).bound, 0.02);
-    let mut damaged = bytes;
-    damaged[40] ^= 1;
-    assert!(CloudSurface::from_bytes(&damaged).is_none());
+    // Cut off, and with views that there are not.
+    assert!(CloudSurface::from_bytes(&bytes[3..]).is_none());
+    let mut without_views = bytes[..bytes.len() - 32].to_vec();
+    append_centers(&[], &mut without_views);
+    assert!(CloudSurface::from_bytes(&without_views).is_none());
 }
 
 #[test]
