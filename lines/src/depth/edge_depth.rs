@@ -10,9 +10,9 @@
 //!
 //! *Differs from He et al., ICPR 2018*: the paper takes the raw depth of the pixel, as [`EdgeDepthOptions::raw`] does.
 
-use super::map::{InverseDepth, InverseDepthMap, UNKNOWN};
 use super::near_side::{BEND_SHARE, JumpLimits, LARGEST_RADIUS, Window, WindowPixel};
 use crate::edges::EdgeChains;
+use crate::inverse_depth::{InverseDepth, InverseDepthMap, UNKNOWN};
 
 /// Options of [`EdgeDepths::compute`].
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,7 +4,7 @@ use nalgebra::UnitQuaternion;
 
 use super::pair_geometry::PairGeometry;
 use super::view::MatchView;
-use crate::depth::map::{InverseDepth, InverseDepthMap};
+use crate::inverse_depth::{InverseDepth, InverseDepthMap};
 
 /// Another keyframe with its depth map.
 #[derive(Debug, Clone, Copy)]
