@@ -38,8 +38,9 @@ pub(crate) use image_poses::empty_point_map;
 pub use image_poses::{ImagePoses, ImagePosesError, PoseSummary, correct_poses};
 pub use image_scale::{ScaleError, median_depth_from_images};
 pub use keyframe::{FeatureKeyframe, Keyframe, LineKeyframe, unmeasurable_warning};
-pub use scale::{far_origin, median_scene_depth};
+pub use scale::{far_origin, median_depth, median_scene_depth};
 pub use semi_dense::SemiDenseFrontEnd;
+pub(crate) use sensor::KeyframeImages;
 pub use sensor::SensorFrontEnd;
 
 /// A result of a front end.
