@@ -11,7 +11,7 @@ use crate::standard_error::say;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
 use linecarve_engine::video::{Unpacking, of_video, unpack, unpack_as};
-use linecarve_engine::{DepthChoice, Input, Selection, Source};
+use linecarve_engine::{Input, Selection, Source};
 use linecarve_sequence::{OpenOptions, Sequence, video_to_unpack};
 
 /// What is to be reconstructed from which source.
@@ -32,11 +32,7 @@ pub fn input(
             given: selection.given(),
         },
         source,
-        depth: match depth {
-            DepthArg::Auto => DepthChoice::Auto,
-            DepthArg::Sensor => DepthChoice::Sensor,
-            DepthArg::SemiDense => DepthChoice::SemiDense,
-        },
+        depth: depth.into(),
         track: false,
         accept_as_is: args.accept_as_is,
         up: None,
