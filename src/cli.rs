@@ -31,7 +31,10 @@ pub use structure::StructureArgs;
 pub use synth::{NoiseModel, SynthArgs};
 pub use tiles::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
 pub use track::TrackArgs;
-pub use values::{CheckChoice, DepthArg, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice, SurfaceSource, TextureChoice, TrackFormat, TrackMode};
+pub use values::{
+    CheckChoice, DepthArg, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice,
+    SurfaceSource, TextureChoice, TrackFormat, TrackMode,
+};
 pub use view::ViewArgs;
 
 use crate::live::LiveView;

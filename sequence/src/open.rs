@@ -16,6 +16,7 @@ use super::{Sequence, SequenceError};
 
 /// Options of [`Sequence::open`].
 #[derive(Debug, Clone, Default)]
+#[non_exhaustive]
 pub struct OpenOptions {
     /// Calibration file that replaces `linecarve.toml` of the folder.
     pub calibration: Option<PathBuf>,

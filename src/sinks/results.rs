@@ -147,9 +147,10 @@ pub(crate) fn write_results(
             segments: &segments,
             frame,
             carved: Some((map.carver(), *origin)),
-            options: StructureOptions {
-                up: frame.up(),
-                ..StructureOptions::default()
+            options: {
+                let mut options = StructureOptions::default();
+                options.up = frame.up();
+                options
             },
         };
         write_structure(&input, output)?;

@@ -43,8 +43,8 @@ impl Labels {
 }
 
 impl Default for Labels {
-    /// One ray frees a cell.
+    /// The minimum cut, which weighs wrong points against right ones.
     fn default() -> Self {
-        Labels::Votes(Votes::default())
+        Labels::Cut(CutOptions::default())
     }
 }

@@ -59,7 +59,7 @@ pub fn median_scene_depth(
 const FAR_FROM_ZERO: f64 = 1000.0;
 
 /// The origin subtracted from all coordinates: zero, or the rounded first camera position when cameras are far from zero.
-pub fn far_origin(
+pub(crate) fn far_origin(
     camera_positions: impl IntoIterator<Item = Point3<f64>>,
     median_depth: f64,
 ) -> Vector3<f64> {

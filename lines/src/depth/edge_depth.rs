@@ -18,6 +18,7 @@ use crate::inverse_depth::{InverseDepth, InverseDepthMap, UNKNOWN};
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct EdgeDepthOptions {
     /// Radius of the window in which a depth jump is detected, in pixels, at most 4; 0 takes the raw depth of the pixel.
     pub radius_px: usize,

@@ -21,6 +21,7 @@ pub struct DepthView<'a> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct ConsistencyOptions {
     /// Largest chi-squared `d^2 / (sigma_a^2 + sigma_b^2)` of two agreeing inverse depths.
     pub chi2: f64,
