@@ -14,8 +14,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
     let sequence = Sequence::open(&folder, &OpenOptions::default())?;
     let camera = sequence.color_camera();
-    let depth_of = |frame| sequence.load_depth(frame)?.ok_or("no depth image".into());
-    let depth_of = |frame| -> Result<_, Box<dyn Error>> { depth_of(frame) };
+    let depth_of = |frame| -> Result<_, Box<dyn Error>> {
+        let depth = sequence.load_depth(frame)?;
+        depth.ok_or("no depth image".into())
+    };
 
     let typical = median_depth(&depth_of(0)?).ok_or("no depth in the first image")?;
     let mut room = ImageReconstruction::new(camera, typical, Options::default())?;

@@ -21,27 +21,65 @@ const FLOORS: [&[&str]; 5] = [
 /// Measures the product, and is no part of it.
 const LAB: &str = "linecarve-lab";
 
-/// Names of the crates of the workspace, each with those that it is built from.
-fn crates() -> BTreeMap<String, Vec<String>> {
+/// Crates that only the program needs.
+const OF_PROGRAM: [&str; 7] = [
+    "anyhow",
+    "clap",
+    "ctrlc",
+    "hyper",
+    "hyper-util",
+    "indicatif",
+    "tokio",
+];
+
+/// The packages of the workspace, as cargo describes them.
+fn packages() -> Vec<Value> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version=1", "--no-deps", "--offline"])
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .output()
         .expect("cargo starts");
     let metadata: Value = serde_json::from_slice(&output.stdout).expect("JSON");
-    let text = |value: &Value| value.as_str().expect("a name").to_owned();
-    let packages = metadata["packages"].as_array().expect("packages").iter();
+    metadata["packages"].as_array().expect("packages").clone()
+}
+
+/// What a package is built from; its tests may use what stands above it.
+fn dependencies(package: &Value) -> impl Iterator<Item = &Value> {
+    let all = package["dependencies"].as_array().expect("a list").iter();
+    all.filter(|dependency| dependency["kind"].is_null())
+}
+
+fn name(value: &Value) -> &str {
+    value["name"].as_str().expect("a name")
+}
+
+/// Names of the crates of the workspace, each with those of the workspace that it is built from.
+fn crates() -> BTreeMap<String, Vec<String>> {
+    let below = |package: &Value| {
+        let of_workspace = dependencies(package).filter(|other| !other["path"].is_null());
+        of_workspace.map(|other| name(other).to_owned()).collect()
+    };
+    let packages = packages();
+    let packages = packages.iter();
     packages
-        .map(|package| {
-            let dependencies = package["dependencies"].as_array().expect("a list");
-            // Tests may use what stands above.
-            let of_workspace = dependencies
-                .iter()
-                .filter(|dependency| dependency["kind"].is_null() && !dependency["path"].is_null());
-            let names = of_workspace.map(|dependency| text(&dependency["name"]));
-            (text(&package["name"]), names.collect())
-        })
+        .map(|package| (name(package).to_owned(), below(package)))
         .collect()
+}
+
+#[test]
+fn the_library_is_built_without_what_only_the_program_needs() {
+    for package in packages().iter().filter(|package| name(package) != LAB) {
+        for dependency in dependencies(package) {
+            let is_of_program = OF_PROGRAM.contains(&name(dependency));
+            let is_optional = name(package) == "linecarve" && dependency["optional"] == true;
+            assert!(
+                !is_of_program || is_optional,
+                "{} uses {}",
+                name(package),
+                name(dependency)
+            );
+        }
+    }
 }
 
 #[test]
