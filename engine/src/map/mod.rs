@@ -175,7 +175,7 @@ impl Map {
     }
 
     /// Finishes the map after the last keyframe: removes provisional keyframes, or adjusts all feature points and poses
-    /// together; then carves, where that was [deferred](Self::defer_carving).
+    /// together; then carves, where that was deferred.
     ///
     /// # Errors
     /// As [`push`](Self::push).
@@ -282,7 +282,7 @@ impl Map {
         CloudVertices { surface, position }
     }
 
-    /// The followed surface as of the last [`take_surface_change`](Self::take_surface_change).
+    /// The followed surface as of its last change.
     pub fn followed_surface(&self) -> Option<&MapSurface> {
         self.surface.as_deref()
     }
@@ -304,7 +304,7 @@ impl Map {
         }
     }
 
-    /// Time of carving after the last keyframe, where it was [deferred](Self::defer_carving).
+    /// Time of carving after the last keyframe, where it was deferred.
     pub fn final_carving(&self) -> Option<Duration> {
         self.final_carving
     }
