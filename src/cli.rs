@@ -30,9 +30,10 @@ pub use stream::StreamArgs;
 pub use structure::StructureArgs;
 pub use synth::{NoiseModel, SynthArgs};
 pub use tiles::{Engine, TilesArgs, TilesCommand, TilesItemArgs, TilesPlanArgs};
-pub use track::{TrackArgs, TrackFormat, TrackMode};
+pub use track::TrackArgs;
 pub use values::{
-    CheckChoice, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice, TextureChoice,
+    CheckChoice, DepthArg, FormatChoice, GrowthChoice, LabelChoice, LayoutChoice, SceneChoice,
+    SurfaceSource, TextureChoice, TrackFormat, TrackMode,
 };
 pub use view::ViewArgs;
 
@@ -360,36 +361,6 @@ pub struct InfoArgs {
     /// One JSON object on standard output in place of text.
     #[arg(long)]
     pub json: bool,
-}
-
-/// What a surface is made from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum SurfaceSource {
-    /// 3D line segments on the image edges.
-    Lines,
-    /// Sparse points that several views see: those that the sequence brings along, or ORB features of its images. Needs no
-    /// depth images.
-    MapPoints,
-}
-
-impl From<SurfaceSource> for linecarve_engine::Source {
-    fn from(source: SurfaceSource) -> Self {
-        match source {
-            SurfaceSource::Lines => Self::Lines,
-            SurfaceSource::MapPoints => Self::MapPoints,
-        }
-    }
-}
-
-/// Where depth comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum DepthArg {
-    /// The sensor's when the sequence has depth images, else semi-dense.
-    Auto,
-    /// The sensor's.
-    Sensor,
-    /// Estimated at image edges from neighbouring keyframes.
-    SemiDense,
 }
 
 /// Arguments of `render`.

@@ -6,7 +6,7 @@ use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use linecarve_carving::{
-    Carver, CarverOptions, CutOptions, ExportOptions, Labels, PointId, ViewId,
+    Carver, CarverOptions, CutOptions, ExportOptions, Labels, PointId, ViewId, Votes,
 };
 use nalgebra::{Point3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -80,7 +80,7 @@ fn add(carver: &mut Carver, keyframe: &Keyframe, ids: &mut Vec<PointId>) {
 }
 
 fn fill(keyframes: &[Keyframe]) -> (Carver, Vec<PointId>) {
-    let mut carver = Carver::default();
+    let mut carver = Carver::new(CarverOptions::with_labels(Labels::Votes(Votes::default())));
     let mut ids = vec![];
     for keyframe in keyframes {
         add(&mut carver, keyframe, &mut ids);
@@ -121,13 +121,10 @@ fn rays_at_once(criterion: &mut Criterion) {
         let count: usize = keyframes.iter().map(Keyframe::rays).sum();
         group.throughput(Throughput::Elements(count as u64));
         for (labels, name) in [
-            (Labels::default(), "votes"),
+            (Labels::Votes(Votes::default()), "votes"),
             (Labels::Cut(CutOptions::default()), "cut"),
         ] {
-            let options = CarverOptions {
-                labels,
-                ..CarverOptions::default()
-            };
+            let options = CarverOptions::with_labels(labels);
             group.bench_function(BenchmarkId::new(name, points), |bencher| {
                 bencher.iter(|| {
                     let mut carver = Carver::deferred(options);
@@ -148,11 +145,9 @@ fn rays_at_once(criterion: &mut Criterion) {
 fn surface(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("surface");
     let plain = ExportOptions::default();
-    let repaired = ExportOptions {
-        manifold: true,
-        minimum_component: 20,
-        ..plain
-    };
+    let mut repaired = plain;
+    repaired.manifold = true;
+    repaired.minimum_component = 20;
     for points in sizes() {
         let (carver, _) = fill(&room(points, 100));
         group.throughput(Throughput::Elements(carver.triangle_count() as u64));

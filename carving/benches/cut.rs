@@ -10,7 +10,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use linecarve_carving::{Carver, CarverOptions, CutOptions, Labels, PointId};
+use linecarve_carving::{Carver, CarverOptions, CutOptions, Labels, PointId, Votes};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -99,17 +99,14 @@ fn keyframes(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("keyframe");
     group.sample_size(10).warm_up_time(Duration::from_millis(1));
     let kinds = [
-        ("votes", Labels::default()),
+        ("votes", Labels::Votes(Votes::default())),
         ("cut", Labels::Cut(CutOptions::default())),
     ];
     let length = KEYFRAMES / 10;
     group.throughput(Throughput::Elements(length as u64));
     for (kind, labels) in kinds {
         for (name, first) in [("second tenth", length), ("last tenth", KEYFRAMES - length)] {
-            let mut before = Carver::new(CarverOptions {
-                labels,
-                ..CarverOptions::default()
-            });
+            let mut before = Carver::new(CarverOptions::with_labels(labels));
             let mut ids = vec![];
             for keyframe in &keyframes[..first] {
                 add(&mut before, keyframe, &mut ids);

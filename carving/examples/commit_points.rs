@@ -35,16 +35,13 @@ fn inside(number: u64) -> Point3<f64> {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let labels = std::env::args().nth(1).unwrap_or("votes".to_owned());
-    let options = CarverOptions {
-        labels: match labels.as_str() {
-            "cut" => Labels::Cut(CutOptions::default()),
-            _ => Labels::Votes(Votes::default()),
-        },
-        ..CarverOptions::default()
+    let kind = match labels.as_str() {
+        "cut" => Labels::Cut(CutOptions::default()),
+        _ => Labels::Votes(Votes::default()),
     };
     let points: Vec<_> = (0..POINTS).map(on_wall).collect();
     let centers: Vec<_> = (0..VIEWS).map(inside).collect();
-    let mut carver = Carver::new(options);
+    let mut carver = Carver::new(CarverOptions::with_labels(kind));
     let start = Instant::now();
     let mut transaction = carver.transaction();
     let mut views = Vec::new();

@@ -56,6 +56,7 @@ struct Options {
 /// `None` when help was asked for.
 fn parse(mut arguments: impl Iterator<Item = String>) -> Result<Option<Options>, String> {
     let mut options = Options::default();
+    options.carver.labels = Labels::Votes(Votes::default());
     while let Some(argument) = arguments.next() {
         let mut value = || {
             arguments

@@ -3,6 +3,7 @@
 pub mod configuration;
 mod error;
 pub mod front_end;
+mod image_reconstruction;
 pub mod map;
 mod mapper;
 pub mod options;
@@ -19,6 +20,7 @@ pub mod tracking;
 pub mod video;
 
 pub use error::{Error, SinkError};
+pub use image_reconstruction::{ImageReconstruction, RgbdImage};
 pub use mapper::KeyframeUpdate;
 pub use options::Options;
 pub use questions::{Doubt, QuestionError};

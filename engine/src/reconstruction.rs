@@ -70,6 +70,7 @@ pub trait Sink: Send {
 
 /// How a reconstruction runs.
 #[derive(Debug, Clone, Default)]
+#[non_exhaustive]
 pub struct RunOptions {
     /// Keeps what the front end yields, so that a run can be resumed.
     pub checkpoint: Option<Checkpoint>,

@@ -110,14 +110,12 @@ pub fn plan(
     map.defer_carving();
     map.enter_model()?;
     let carver = map.carver();
-    let options = PlanOptions {
-        tiles: split
-            .tiles
-            .unwrap_or(carver.point_count().div_ceil(POINTS_OF_TILE)),
-        halo: split.halo,
-        keeps_neighbors: map.cloud().is_some(),
-        ..PlanOptions::default()
-    };
+    let mut options = PlanOptions::default();
+    options.tiles = split
+        .tiles
+        .unwrap_or(carver.point_count().div_ceil(POINTS_OF_TILE));
+    options.halo = split.halo;
+    options.keeps_neighbors = map.cloud().is_some();
     let export = map.export_options();
     let dense = map.cloud().map(|_| export);
     let finish = Finish::text(recording.origin.into(), &recording.options, dense)?;

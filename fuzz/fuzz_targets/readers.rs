@@ -77,10 +77,8 @@ fuzz_target!(
 
 /// Opens the sequence and does with it what commands do; each only now and then, as it takes longer than reading.
 fn sequence(case: &Case, path: &Path, length: usize) {
-    let options = OpenOptions {
-        poses: (case.kind == Kind::Trajectory).then(|| path.to_owned()),
-        ..OpenOptions::default()
-    };
+    let mut options = OpenOptions::default();
+options.poses = (case.kind == Kind::Trajectory).then(|| path.to_owned());
     let sequence = match Sequence::open(&case.folder, &options) {
         Ok(sequence) => sequence,
         Err(error) => {

@@ -15,6 +15,7 @@ use crate::triangulation::{SampleOptions, SurfaceSamples, TriangulationOptionsEr
 
 /// Options of all stages.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
 pub struct ExtractOptions {
     /// Edge detection.
     pub edges: EdgeOptions,

@@ -8,8 +8,10 @@ mod extractor;
 pub mod fit;
 mod growth;
 pub mod image;
+mod inverse_depth;
 mod median;
 pub mod paper;
+mod similarity;
 pub mod triangulation;
 
 pub use camera::{Camera, Distortion, UndistortionMap};
@@ -24,4 +26,5 @@ pub use fit::{FitOptions, Segment};
 pub use image::{GrayImage, Plane};
 pub use median::upper_median;
 pub use paper::{PaperClusterer, PaperFitter, PaperOptions};
+pub use similarity::fit_similarity;
 pub use triangulation::{ImageTriangulation, SurfaceSamples};

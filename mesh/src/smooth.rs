@@ -17,6 +17,7 @@ use crate::edge_uses::for_each_edge;
 
 /// How a surface is smoothed.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct SmoothOptions {
     /// Standard deviation of the weight by normals: the length of their difference, 1 at 60 degrees.
     pub normal_sigma: f64,

@@ -397,20 +397,16 @@ fn missing_photographs_are_passed_over() {
 fn a_small_atlas_has_a_lower_resolution() {
     let (mesh, views) = (wall(), views());
     let photos = photos(&mesh, &views, pattern);
-    let options = TextureOptions {
-        max_texels: 14_000,
-        ..TextureOptions::default()
-    };
+    let mut options = TextureOptions::default();
+    options.max_texels = 14_000;
     let load = |view: usize| Some(photos[view].clone());
     let (texture, summary) = texture_mesh(&mesh, &views, &load, &options).unwrap();
     assert!(summary.size[0] * summary.size[1] <= 14_000);
     assert_eq!(texture.validate(mesh.triangles.len()), Ok(()));
     let rms = difference(&mesh, &texture, pattern, in_the_middle);
     assert!(rms < 30.0, "{rms}");
-    let options = TextureOptions {
-        max_texels: 100,
-        ..TextureOptions::default()
-    };
+    let mut options = TextureOptions::default();
+    options.max_texels = 100;
     assert_eq!(texture_mesh(&mesh, &views, &load, &options), None);
 }
 
@@ -578,11 +574,9 @@ fn pictures_show_the_texture() {
         world_from_camera: Isometry3::identity(),
         up: -Vector3::y(),
     };
-    let options = RenderOptions {
-        background: Background::Plain([0; 3]),
-        back_faces: BackFaces::Hidden,
-        ..RenderOptions::default().unlit()
-    };
+    let mut options = RenderOptions::default().unlit();
+    options.background = Background::Plain([0; 3]);
+    options.back_faces = BackFaces::Hidden;
     let renderer = Renderer::new(&mesh).with_texture(&texture).unwrap();
     let picture = renderer.draw(None, &view, &options, &|_, _| {}).unwrap();
     let wanted = photo(&mesh, &view_from(0.0, 0.0), [1.0; 3], pattern);

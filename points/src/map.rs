@@ -13,7 +13,6 @@ use super::options::{MapPointOptions, PointOptionsError};
 use super::point::{MapObservation, MapPoint, MapPointId};
 use super::rolling_shutter::CameraMotion;
 use crate::pose_correction::{CorrectedLens, PoseCorrectionOptions};
-use linecarve_sequence::{ModelObservation, ModelPoint, ModelView, SparseModel};
 
 /// Map points of keyframes with known poses, built keyframe by keyframe.
 ///
@@ -263,42 +262,15 @@ impl PointMap {
         }
     }
 
-    /// The points that are carved and who sees them, as a model; `name` names a keyframe by its number. Points are where
-    /// the carver has them.
-    pub fn model(&self, name: impl Fn(usize) -> String) -> SparseModel {
-        let views = self
-            .keyframes
-            .iter()
-            .enumerate()
-            .map(|(number, keyframe)| ModelView {
-                name: name(number),
-                world_from_camera: *keyframe.pose.world_from_camera(),
-                camera: Some(self.camera.clone()),
-                size_px: None,
-            })
-            .collect();
-        let points = self
-            .established()
-            .map(|(_, point)| {
-                let sightings = point.observations.iter().map(|sighting| {
-                    let keyframe = &self.keyframes[sighting.keyframe as usize];
-                    ModelObservation {
-                        view: sighting.keyframe,
-                        pixel: Some(keyframe.pixel(sighting.feature).into()),
-                    }
-                });
-                let first = point.observations[0];
-                let grey =
-                    self.keyframes[first.keyframe as usize].features.grey[first.feature as usize];
-                let carved = point.published.as_ref();
-                ModelPoint {
-                    point_in_world: carved.map_or(point.point_in_world, |p| p.point_in_world),
-                    color: Some([grey; 3]),
-                    observations: sightings.collect(),
-                }
-            })
-            .collect();
-        SparseModel { views, points }
+    /// The established points where the carver has them, each with the grey value of its first feature.
+    pub fn carved_points(&self) -> impl Iterator<Item = (Point3<f64>, u8)> {
+        self.established().map(|(_, point)| {
+            let first = point.observations[0];
+            let features = &self.keyframes[first.keyframe as usize].features;
+            let carved = point.published.as_ref();
+            let position = carved.map_or(point.point_in_world, |p| p.point_in_world);
+            (position, features.grey[first.feature as usize])
+        })
     }
 
     /// Adds a point and assigns its features.

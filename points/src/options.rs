@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Options of features and map points. Lengths are in pixels or relative; no option depends on the unit of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct MapPointOptions {
     /// Number of features to detect per image, where there is enough texture.
     pub features: usize,

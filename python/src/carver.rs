@@ -48,12 +48,11 @@ impl Carver {
             }
             "cut" => {
                 let default = CutOptions::default();
-                let options = CutOptions {
-                    relative_sigma: relative_sigma.unwrap_or(default.relative_sigma),
-                    behind_sigmas: behind_sigmas.unwrap_or(default.behind_sigmas),
-                    matter_weight: matter_weight.unwrap_or(default.matter_weight),
-                    quality_weight: quality_weight.unwrap_or(default.quality_weight),
-                };
+                let mut options = CutOptions::default();
+                options.relative_sigma = relative_sigma.unwrap_or(default.relative_sigma);
+                options.behind_sigmas = behind_sigmas.unwrap_or(default.behind_sigmas);
+                options.matter_weight = matter_weight.unwrap_or(default.matter_weight);
+                options.quality_weight = quality_weight.unwrap_or(default.quality_weight);
                 options
                     .validate()
                     .map_err(|error| PyValueError::new_err(error.to_string()))?;
@@ -66,7 +65,7 @@ impl Carver {
             "keep" => Hull::Keep,
             other => return refused(format!("hull={other:?}: give \"drop\" or \"keep\"")),
         };
-        let inner = linecarve_carving::Carver::new(CarverOptions { labels, hull });
+        let inner = linecarve_carving::Carver::new(CarverOptions::new(labels, hull));
         Ok(Self { inner })
     }
 
@@ -92,12 +91,10 @@ impl Carver {
         minimum_component: usize,
         manifold: bool,
     ) -> PyResult<Mesh> {
-        let options = ExportOptions {
-            longest_edge,
-            minimum_component,
-            manifold,
-            ..ExportOptions::default()
-        };
+        let mut options = ExportOptions::default();
+        options.longest_edge = longest_edge;
+        options.minimum_component = minimum_component;
+        options.manifold = manifold;
         let carver = &self.inner;
         let mesh = py.detach(|| carver.mesh(&options));
         Mesh::new(py, &mesh.vertices, &mesh.triangles, None)

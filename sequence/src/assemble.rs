@@ -6,9 +6,7 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
-use super::calibration::{
-    CalibratedCamera, Calibration, DepthGeometry, ImageSize, PoseCamera, resized,
-};
+use super::calibration::{CalibratedCamera, Calibration, DepthGeometry, ImageSize, resized};
 use super::color_sizes::{
     FirstSize, assumed_camera, check_color_size, first_size, frames_of_size, orientation_warning,
 };
@@ -16,7 +14,7 @@ use super::container::Containers;
 use super::depth_image::depth_header;
 use super::join;
 use super::layout::{RecordedFrame, Recording};
-use super::pose_convention::{Extrinsics, PoseConvention};
+use super::pose_convention::{Extrinsics, PoseCamera, PoseConvention};
 use super::sidecar::SIDECAR_FILE;
 use super::stereo::StereoPair;
 use super::undistortion::{Undistortion, pinhole_of};

@@ -4,7 +4,6 @@ use std::path::{Path, PathBuf};
 
 use linecarve_lines::camera::{Camera, CameraError};
 use nalgebra::{Isometry3, Point3};
-use serde::Deserialize;
 
 use super::Warning;
 use super::container::file_of;
@@ -151,17 +150,6 @@ pub(super) struct RightCamera {
     pub(super) camera: CalibratedCamera,
     /// `point_in_color = color_from_right * point_in_right`.
     pub(super) color_from_right: Isometry3<f64>,
-}
-
-/// What the recorded poses refer to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum PoseCamera {
-    #[default]
-    Color,
-    Depth,
-    /// The body that carries the cameras, such as an inertial unit.
-    Body,
 }
 
 /// Cameras, depth scale, extrinsics and pose convention of a sequence.

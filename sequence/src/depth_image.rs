@@ -16,7 +16,7 @@ use tiff::decoder::{Decoder, DecodingResult};
 use super::FrameError;
 use super::calibration::ImageSize;
 use super::container::Containers;
-use super::image_file::{decode_bytes, describe_format, read, size_of, undecodable};
+use super::image_file::{decode_bytes, describe_format, read, size, size_of, undecodable};
 use super::npy::{self, NpyHeader, NpyType};
 
 /// Values of a depth image as stored, row by row.
@@ -233,13 +233,6 @@ pub(super) fn npy_size(header: &NpyHeader) -> Result<ImageSize, String> {
         ref other => Err(format!(
             "an array of shape {other:?}, not of rows and columns"
         )),
-    }
-}
-
-pub(super) fn size(width: u64, height: u64) -> Result<ImageSize, String> {
-    match (u32::try_from(width), u32::try_from(height)) {
-        (Ok(width @ 1..), Ok(height @ 1..)) => Ok(ImageSize { width, height }),
-        _ => Err(format!("a size of {width} x {height}")),
     }
 }
 

@@ -12,11 +12,18 @@ use linecarve_mesh::files::open_regular;
 use super::FrameError;
 use super::calibration::ImageSize;
 use super::container::Containers;
-use super::depth_image::size;
 use super::npy::{self, NpyHeader, NpyType};
 
 /// Most headers of images end within so many bytes.
 const HEADER_BYTES: u64 = 1 << 16;
+
+/// The size of an image; neither side may be 0.
+pub(super) fn size(width: u64, height: u64) -> Result<ImageSize, String> {
+    match (u32::try_from(width), u32::try_from(height)) {
+        (Ok(width @ 1..), Ok(height @ 1..)) => Ok(ImageSize { width, height }),
+        _ => Err(format!("a size of {width} x {height}")),
+    }
+}
 
 fn open(path: &Path) -> Result<File, FrameError> {
     open_regular(path).map_err(|source| FrameError::Unreadable {

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use nalgebra::Isometry3;
 
 use super::assemble::assemble;
-use super::calibration::PoseCamera;
 use super::layout::{Folder, PoseSource, Recording};
 use super::layouts::colmap;
+use super::pose_convention::PoseCamera;
 use super::poses::{self, PoseFileFormat};
 use super::recognise::{input_folder, recognise};
 use super::sidecar::{SIDECAR_FILE, Sidecar};
@@ -16,6 +16,7 @@ use super::{Sequence, SequenceError};
 
 /// Options of [`Sequence::open`].
 #[derive(Debug, Clone, Default)]
+#[non_exhaustive]
 pub struct OpenOptions {
     /// Calibration file that replaces `linecarve.toml` of the folder.
     pub calibration: Option<PathBuf>,

@@ -5,7 +5,16 @@ use std::fmt;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
-use super::calibration::PoseCamera;
+/// What the recorded poses refer to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum PoseCamera {
+    #[default]
+    Color,
+    Depth,
+    /// The body that carries the cameras, such as an inertial unit.
+    Body,
+}
 
 /// Direction of the transform of a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -12,8 +12,8 @@ use serde::Deserialize;
 use self::camera::CameraKeys;
 use self::depth::{DepthSection, DepthView};
 use self::right::RightSection;
-use super::calibration::{CalibratedCamera, Calibration, DepthGeometry, PoseCamera, RightCamera};
-use super::pose_convention::{CameraAxes, PoseDirection, QuaternionOrder};
+use super::calibration::{CalibratedCamera, Calibration, DepthGeometry, RightCamera};
+use super::pose_convention::{CameraAxes, PoseCamera, PoseDirection, QuaternionOrder};
 use super::{SequenceError, rigid};
 
 /// Name of the sidecar file in the folder of a sequence.

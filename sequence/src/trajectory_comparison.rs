@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use linecarve_mesh::evaluate::fit_similarity;
+use linecarve_lines::fit_similarity;
 use linecarve_mesh::files::read_regular;
 use nalgebra::{Isometry3, Point3, Similarity3};
 use serde::Serialize;

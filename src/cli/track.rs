@@ -2,11 +2,9 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
-use linecarve_engine::tracking::TrackingMode;
-use linecarve_sequence::export::TrajectoryFormat;
+use clap::Args;
 
-use super::LiveArgs;
+use super::{LiveArgs, TrackFormat, TrackMode};
 
 /// Arguments of `track`.
 #[derive(Debug, Args)]
@@ -54,49 +52,4 @@ pub struct TrackArgs {
     /// One JSON object about the run on standard output.
     #[arg(long)]
     pub json: bool,
-}
-
-/// Formats of poses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum TrackFormat {
-    /// `stamp tx ty tz qx qy qz qw`, seconds: `poses.txt`, always written.
-    Tum,
-    /// `stamp,px,py,pz,qw,qx,qy,qz`, nanoseconds: `poses.csv`.
-    Euroc,
-    /// Twelve numbers a line: `poses-kitti.txt`.
-    Kitti,
-    /// `i i i+1` and a 4x4 matrix: `poses.log`.
-    Open3dLog,
-}
-
-impl From<TrackFormat> for TrajectoryFormat {
-    fn from(format: TrackFormat) -> Self {
-        match format {
-            TrackFormat::Tum => Self::Tum,
-            TrackFormat::Euroc => Self::Euroc,
-            TrackFormat::Kitti => Self::Kitti,
-            TrackFormat::Open3dLog => Self::Open3dLog,
-        }
-    }
-}
-
-/// What poses are found from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum TrackMode {
-    /// Colour and depth images.
-    Rgbd,
-    /// Left and right images.
-    Stereo,
-    /// Images of one camera.
-    Mono,
-}
-
-impl From<TrackMode> for TrackingMode {
-    fn from(mode: TrackMode) -> Self {
-        match mode {
-            TrackMode::Rgbd => Self::Rgbd,
-            TrackMode::Stereo => Self::Stereo,
-            TrackMode::Mono => Self::Mono,
-        }
-    }
 }

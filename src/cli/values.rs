@@ -3,10 +3,13 @@
 use clap::ValueEnum;
 use linecarve_mesh::diff::Check;
 use linecarve_mesh::texture::TextureFormat;
+use linecarve_sequence::export::TrajectoryFormat;
 use linecarve_synth::{SceneKind, SequenceLayout};
 
 use crate::sinks::{Format, Growth};
 use linecarve_engine::options::LabelKind;
+use linecarve_engine::tracking::TrackingMode;
+use linecarve_engine::{DepthChoice, Source};
 
 /// Declares the command-line form of a library's enum: the same variants, with help texts and a conversion.
 macro_rules! choice {
@@ -21,6 +24,55 @@ macro_rules! choice {
             }
         }
     };
+}
+
+choice! {
+    /// What a surface is made from.
+    SurfaceSource for Source {
+        /// 3D line segments on the image edges.
+        Lines,
+        /// Sparse points that several views see: those that the sequence brings along, or ORB features of its images. Needs no
+        /// depth images.
+        MapPoints,
+    }
+}
+
+choice! {
+    /// Where depth comes from.
+    DepthArg for DepthChoice {
+        /// The sensor's when the sequence has depth images, else semi-dense.
+        Auto,
+        /// The sensor's.
+        Sensor,
+        /// Estimated at image edges from neighbouring keyframes.
+        SemiDense,
+    }
+}
+
+choice! {
+    /// What poses are found from.
+    TrackMode for TrackingMode {
+        /// Colour and depth images.
+        Rgbd,
+        /// Left and right images.
+        Stereo,
+        /// Images of one camera.
+        Mono,
+    }
+}
+
+choice! {
+    /// Formats of poses.
+    TrackFormat for TrajectoryFormat {
+        /// `stamp tx ty tz qx qy qz qw`, seconds: `poses.txt`, always written.
+        Tum,
+        /// `stamp,px,py,pz,qw,qx,qy,qz`, nanoseconds: `poses.csv`.
+        Euroc,
+        /// Twelve numbers a line: `poses-kitti.txt`.
+        Kitti,
+        /// `i i i+1` and a 4x4 matrix: `poses.log`.
+        Open3dLog,
+    }
 }
 
 choice! {

@@ -19,12 +19,10 @@ use linecarve_engine::{Recording, Source};
 pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let mut output = OutputFolder::create(&args.out, &[&args.input.sequence])?;
     // Read before the work begins: a wrong path should not cost a run.
-    let options = EvaluationOptions {
-        thresholds: args.thresholds.clone(),
-        samples: args.samples,
-        seed: args.seed,
-        ..EvaluationOptions::default()
-    };
+    let mut options = EvaluationOptions::default();
+    options.thresholds = args.thresholds.clone();
+    options.samples = args.samples;
+    options.seed = args.seed;
     options.validate().context("--thresholds or --samples")?;
     let truth = match &args.ground_truth {
         Some(path) => Some(GroundTruth::read(path, options, args.error_end)?),

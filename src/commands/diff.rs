@@ -68,12 +68,11 @@ pub(super) fn run(args: &DiffArgs) -> anyhow::Result<Outcome> {
 fn compared(args: &DiffArgs) -> anyhow::Result<(Shape, Shape, Difference)> {
     let expected = read_geometry(&args.expected)?;
     let actual = read_geometry(&args.actual)?;
-    let options = DiffOptions {
-        tolerance: args.tolerance,
-        checks: args.check.iter().map(|&check| check.into()).collect(),
-        samples: args.samples,
-        seed: args.seed,
-    };
+    let mut options = DiffOptions::default();
+    options.tolerance = args.tolerance;
+    options.checks = args.check.iter().map(|&check| check.into()).collect();
+    options.samples = args.samples;
+    options.seed = args.seed;
     let difference = compare(&expected, &actual, &options).with_context(|| {
         format!(
             "{} and {} cannot be compared",

@@ -26,15 +26,14 @@ pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<O
     let (Some(shape_file), Some(truth_file)) = (&args.shape, &args.ground_truth) else {
         bail!("give a shape with --ground-truth, or --trajectory with --reference");
     };
-    let options = EvaluationOptions {
-        thresholds: args.thresholds.clone(),
-        samples: args.samples,
-        seed: args.seed,
-        region: args.roi,
-        region_margin: args.roi_margin,
-        alignment: alignment(args)?,
-        step: args.step,
-    };
+    let mut options = EvaluationOptions::default();
+    options.thresholds = args.thresholds.clone();
+    options.samples = args.samples;
+    options.seed = args.seed;
+    options.region = args.roi;
+    options.region_margin = args.roi_margin;
+    options.alignment = alignment(args)?;
+    options.step = args.step;
     options.validate()?;
     let (shape, truth) = rayon::join(|| read_geometry(shape_file), || read_geometry(truth_file));
     let (shape, truth) = (shape?, truth?);

@@ -11,7 +11,7 @@ use crate::standard_error::say;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
 use linecarve_engine::video::{Unpacking, of_video, unpack, unpack_as};
-use linecarve_engine::{DepthChoice, Input, Selection, Source};
+use linecarve_engine::{Input, Source};
 use linecarve_sequence::{OpenOptions, Sequence, video_to_unpack};
 
 /// What is to be reconstructed from which source.
@@ -22,26 +22,17 @@ pub fn input(
     source: Source,
     verbosity: Verbosity,
 ) -> Input {
-    Input {
-        path: args.sequence.clone(),
-        open: open_options(args),
-        selection: Selection {
-            every: selection.every,
-            list: selection.keyframes.clone(),
-            max_keyframes: selection.max_keyframes,
-            given: selection.given(),
-        },
-        source,
-        depth: match depth {
-            DepthArg::Auto => DepthChoice::Auto,
-            DepthArg::Sensor => DepthChoice::Sensor,
-            DepthArg::SemiDense => DepthChoice::SemiDense,
-        },
-        track: false,
-        accept_as_is: args.accept_as_is,
-        up: None,
-        progress: verbosity.hook(),
-    }
+    let mut input = Input::from(&args.sequence);
+    input.open = open_options(args);
+    input.selection.every = selection.every;
+    input.selection.list = selection.keyframes.clone();
+    input.selection.max_keyframes = selection.max_keyframes;
+    input.selection.given = selection.given();
+    input.source = source;
+    input.depth = depth.into();
+    input.accept_as_is = args.accept_as_is;
+    input.progress = verbosity.hook();
+    input
 }
 
 /// Opens a sequence alone.
@@ -50,14 +41,12 @@ pub(super) fn open(args: &SequenceArgs) -> anyhow::Result<Sequence> {
 }
 
 pub(super) fn open_options(args: &SequenceArgs) -> OpenOptions {
-    OpenOptions {
-        calibration: args.calibration.clone(),
-        poses: args.poses.clone(),
-        layout: args.layout.clone(),
-        model: args.model.clone(),
-        video_images: None,
-        assumed_focal: None,
-    }
+    let mut options = OpenOptions::default();
+    options.calibration = args.calibration.clone();
+    options.poses = args.poses.clone();
+    options.layout = args.layout.clone();
+    options.model = args.model.clone();
+    options
 }
 
 /// Writes the images of a video to the output folder, and makes these the input.

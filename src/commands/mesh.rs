@@ -81,11 +81,10 @@ fn cloud_of(input: &Path) -> PathBuf {
 }
 
 fn source(input: &Path, verbosity: Verbosity) -> Input {
-    Input {
-        source: Source::MapPoints,
-        progress: verbosity.hook(),
-        ..Input::from(input)
-    }
+    let mut options = Input::from(input);
+    options.source = Source::MapPoints;
+    options.progress = verbosity.hook();
+    options
 }
 
 /// Carves all points in this process.
@@ -98,10 +97,8 @@ fn at_once(input: &Path, options: Options, verbosity: Verbosity) -> anyhow::Resu
             input.display()
         );
     }
-    let run = RunOptions {
-        is_at_once: true,
-        ..RunOptions::default()
-    };
+    let mut run = RunOptions::default();
+    run.is_at_once = true;
     let mut reconstruction = Reconstruction::new(recording, run)?;
     reconstruction.run(CancelToken::default(), &mut [])?;
     Ok(reconstruction.surface())
@@ -250,10 +247,7 @@ mod tests {
     fn tiles_give_the_mesh_of_one_process() {
         let folder = tempfile::tempdir().unwrap();
         let city = folder.path().join("city");
-        let options = linecarve_synth::CityOptions {
-            points: 3000,
-            seed: 1,
-        };
+        let options = linecarve_synth::CityOptions::new(3000, 1);
         linecarve_synth::write_city(&options, &city).unwrap();
         let input = cloud_of(&city);
         let out = folder.path().join("mesh.ply");

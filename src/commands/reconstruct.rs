@@ -95,13 +95,12 @@ pub fn reconstruct(
         }
         _ => None,
     };
-    let settings = RunOptions {
-        checkpoint: checkpoint.clone(),
-        is_provisional: !is_final_only,
-        // The memory limit and the live page follow the surface of each keyframe.
-        is_at_once: !is_followed && (is_model || args.memory_limit.is_none()),
-        keeps_keyframes: false,
-    };
+    let mut settings = RunOptions::default();
+    settings.checkpoint = checkpoint.clone();
+    settings.is_provisional = !is_final_only;
+    // The memory limit and the live page follow the surface of each keyframe.
+    settings.is_at_once = !is_followed && (is_model || args.memory_limit.is_none());
+    settings.keeps_keyframes = false;
     let mut run = Reconstruction::new(recording, settings)?;
     if let Some(warning) = model_left_out(run.map()) {
         log.warn(warning);

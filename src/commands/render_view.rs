@@ -11,10 +11,8 @@ use crate::cli::RenderArgs;
 /// What a frame saw, or the view from a point; `None` when neither is asked for.
 pub(super) fn given_view(args: &RenderArgs) -> anyhow::Result<Option<View>> {
     if let Some(folder) = &args.sequence {
-        let open = OpenOptions {
-            calibration: args.calibration.clone(),
-            ..OpenOptions::default()
-        };
+        let mut open = OpenOptions::default();
+        open.calibration = args.calibration.clone();
         let sequence = Sequence::open(folder, &open)?;
         return Ok(Some(view_of_frame(&sequence, &args.frame)?));
     }

@@ -64,13 +64,11 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
     let diagonal = shape.diagonal();
     let mesh = shape.into_mesh();
     let tolerance = args.tolerance.length(diagonal);
-    let options = SimplifyOptions {
-        crease_angle_rad: args.crease.to_radians(),
-        boundary_tolerance: match args.rim_tolerance {
-            Some(given) => given.length(diagonal),
-            None => default_boundary_tolerance(&mesh, tolerance),
-        },
-        ..SimplifyOptions::with_tolerance(tolerance)
+    let mut options = SimplifyOptions::with_tolerance(tolerance);
+    options.crease_angle_rad = args.crease.to_radians();
+    options.boundary_tolerance = match args.rim_tolerance {
+        Some(given) => given.length(diagonal),
+        None => default_boundary_tolerance(&mesh, tolerance),
     };
     let simplified = simplify(&mesh, &lines, &options)?;
     let frame = GltfFrame::from(&origin_of(&simplified.mesh.positions));

@@ -114,10 +114,8 @@ fn of_sequence(
     );
     input.up = args.up;
     let recording = Recording::open(&input, parameters)?;
-    let settings = RunOptions {
-        is_at_once: true,
-        ..RunOptions::default()
-    };
+    let mut settings = RunOptions::default();
+    settings.is_at_once = true;
     let mut run = Reconstruction::new(recording, settings)?;
     run.run(CancelToken::default(), &mut [])?;
     let mesh = final_mesh(&run)?;
@@ -143,10 +141,10 @@ fn of_sequence(
 }
 
 fn options(args: &StructureArgs, up: Vector3<f64>) -> StructureOptions {
-    StructureOptions {
-        up,
-        most_polygons: args.most_polygons,
-    }
+    let mut options = StructureOptions::default();
+    options.up = up;
+    options.most_polygons = args.most_polygons;
+    options
 }
 
 fn segments_of(shape: &Shape) -> Vec<[Point3<f64>; 2]> {

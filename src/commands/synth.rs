@@ -15,33 +15,32 @@ pub(super) fn run(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     let Some(scene) = args.scene.rendered() else {
         return city(args, verbosity);
     };
-    let options = SynthOptions {
-        scene,
-        frames: args.frames,
-        width,
-        height,
-        focal_px: args.focal,
-        layout: args.layout.into(),
-        color: if args.png {
-            ColorFormat::Png
-        } else {
-            ColorFormat::Jpeg {
-                quality: args.jpeg_quality,
-            }
-        },
-        noise: match args.noise {
-            NoiseModel::None => DepthNoise::Exact,
-            NoiseModel::Kinect => DepthNoise::Kinect {
-                strength: args.noise_strength,
-            },
-        },
-        color_noise: args.color_noise,
-        exposure_change: args.exposure_change,
-        blur: args.blur,
-        rolling_shutter: args.rolling_shutter,
-        stereo_baseline: args.stereo,
-        seed: args.seed,
+    let mut options = SynthOptions::default();
+    options.scene = scene;
+    options.frames = args.frames;
+    options.width = width;
+    options.height = height;
+    options.focal_px = args.focal;
+    options.layout = args.layout.into();
+    options.color = if args.png {
+        ColorFormat::Png
+    } else {
+        ColorFormat::Jpeg {
+            quality: args.jpeg_quality,
+        }
     };
+    options.noise = match args.noise {
+        NoiseModel::None => DepthNoise::Exact,
+        NoiseModel::Kinect => DepthNoise::Kinect {
+            strength: args.noise_strength,
+        },
+    };
+    options.color_noise = args.color_noise;
+    options.exposure_change = args.exposure_change;
+    options.blur = args.blur;
+    options.rolling_shutter = args.rolling_shutter;
+    options.stereo_baseline = args.stereo;
+    options.seed = args.seed;
     let progress = Mutex::new(Progress::start("frames", args.frames as usize, verbosity));
     let summary = write_sequence(&options, &args.out, &|done, _| {
         if let Ok(mut progress) = progress.lock() {
@@ -61,10 +60,7 @@ pub(super) fn run(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outc
 }
 
 fn city(args: &SynthArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    let options = CityOptions {
-        points: args.points,
-        seed: args.seed,
-    };
+    let options = CityOptions::new(args.points, args.seed);
     let rays = write_city(&options, &args.out)?;
     if verbosity > Verbosity::Quiet {
         let (points, cloud) = (args.points, args.out.join("fused.ply"));

@@ -17,14 +17,9 @@ use linecarve_sequence::export::TrajectoryFormat;
 use linecarve_sequence::{OpenOptions, SIDECAR_FILE, Sequence, video_to_unpack};
 
 pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    let mut open = OpenOptions {
-        calibration: args.calibration.clone(),
-        poses: None,
-        layout: args.layout.clone(),
-        model: None,
-        video_images: None,
-        assumed_focal: None,
-    };
+    let mut open = OpenOptions::default();
+    open.calibration = args.calibration.clone();
+    open.layout = args.layout.clone();
     let mut warnings = Vec::new();
     let mut output = None;
     let (sequence, said) = if is_video(&args.input) {

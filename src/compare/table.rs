@@ -128,11 +128,9 @@ mod tests {
 
     #[test]
     fn scores_stand_in_the_rows_of_their_surfaces() {
-        let options = EvaluationOptions {
-            region_margin: 0.1,
-            samples: 100,
-            ..EvaluationOptions::default()
-        };
+        let mut options = EvaluationOptions::default();
+        options.region_margin = 0.1;
+        options.samples = 100;
         let mut near = summary(wall(0.03));
         let truth = Shape::from(wall(0.0));
         near.evaluation = evaluate(&Shape::from(wall(0.03)), &truth, &options).ok();

@@ -141,10 +141,8 @@ fn draw_panels(
     progress.step(String::new);
     let from_outside = match View::dollhouse(mesh, poses, size) {
         Some(view) => {
-            let options = RenderOptions {
-                back_faces: BackFaces::Hidden,
-                ..options
-            };
+            let mut options = options;
+            options.back_faces = BackFaces::Hidden;
             Some(renderer.draw(None, &view, &options, &|_, _| {})?)
         }
         None => None,

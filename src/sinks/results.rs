@@ -7,6 +7,7 @@ use linecarve_mesh::render::write_png;
 use linecarve_mesh::texture::{EncodedTexture, TextureFormat};
 use linecarve_mesh::{LineSet, TriangleMesh, write_glb, write_points_ply};
 use linecarve_sequence::ModelPoint;
+use nalgebra::Point3;
 
 use super::feature_edges;
 use super::output::{Format, write_poses};
@@ -146,9 +147,10 @@ pub(crate) fn write_results(
             segments: &segments,
             frame,
             carved: Some((map.carver(), *origin)),
-            options: StructureOptions {
-                up: frame.up(),
-                ..StructureOptions::default()
+            options: {
+                let mut options = StructureOptions::default();
+                options.up = frame.up();
+                options
             },
         };
         write_structure(&input, output)?;
@@ -187,18 +189,16 @@ fn encoded_texture(
 fn cloud(run: &Reconstruction) -> Option<LineSet> {
     let map = run.map();
     let Some(points) = map.feature_points() else {
-        return map.carved_points().map(cloud_of);
+        let colored = |point: &ModelPoint| (point.point_in_world, point.color);
+        return Some(cloud_of(map.carved_points()?.map(colored)));
     };
-    let recording = run.recording();
-    let model = points.model(|number| recording.keyframe_name(run.numbers()[number]).to_owned());
-    Some(cloud_of(model.points.iter()))
+    let gray = |(position, value)| (position, Some([value; 3]));
+    Some(cloud_of(points.carved_points().map(gray)))
 }
 
 /// Points with their colours, which are left out unless all have one.
-fn cloud_of<'a>(points: impl Iterator<Item = &'a ModelPoint>) -> LineSet {
-    let (points, colors): (Vec<_>, Vec<_>) = points
-        .map(|point| (point.point_in_world, point.color))
-        .unzip();
+fn cloud_of(points: impl Iterator<Item = (Point3<f64>, Option<[u8; 3]>)>) -> LineSet {
+    let (points, colors): (Vec<_>, Vec<_>) = points.unzip();
     LineSet {
         points,
         lines: Vec::new(),

@@ -43,12 +43,10 @@ pub(crate) fn simplified(
     };
     let diagonal = mesh.diagonal();
     let tolerance = tolerance.length(diagonal);
-    let options = SimplifyOptions {
-        boundary_tolerance: match settings.boundary_tolerance {
-            Some(given) => given.length(diagonal),
-            None => default_boundary_tolerance(&mesh, tolerance),
-        },
-        ..SimplifyOptions::with_tolerance(tolerance)
+    let mut options = SimplifyOptions::with_tolerance(tolerance);
+    options.boundary_tolerance = match settings.boundary_tolerance {
+        Some(given) => given.length(diagonal),
+        None => default_boundary_tolerance(&mesh, tolerance),
     };
     let ends = line_ends(&lines.points, &lines.lines);
     Ok(simplify(&mesh, &ends, &options)?.mesh)

@@ -8,6 +8,7 @@ use crate::measures::{Angle, Distance};
 
 /// How a structure is found.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct StructureOptions {
     /// About up in the frame of the mesh.
     pub up: Vector3<f64>,

@@ -36,11 +36,19 @@ const MOST_POINTS_OF_TRUTH: usize = 20_000_000;
 
 /// What a city is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct CityOptions {
     /// Number of points; the city grows with it.
     pub points: usize,
     /// Seed of noise and wrong points.
     pub seed: u64,
+}
+
+impl CityOptions {
+    /// So many points, drawn with this seed.
+    pub fn new(points: usize, seed: u64) -> Self {
+        Self { points, seed }
+    }
 }
 
 /// A city of some side length.

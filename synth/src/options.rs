@@ -98,6 +98,7 @@ pub enum DepthNoise {
 
 /// Options of a synthetic sequence.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct SynthOptions {
     /// The scene.
     pub scene: SceneKind,

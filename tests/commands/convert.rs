@@ -57,10 +57,8 @@ fn poses_written_beside_a_sidecar_are_not_moved_twice() {
         "{note}"
     );
     let sequence = Sequence::open(&source, &OpenOptions::default()).unwrap();
-    let options = OpenOptions {
-        poses: Some(path),
-        ..OpenOptions::default()
-    };
+    let mut options = OpenOptions::default();
+    options.poses = Some(path);
     let twice = Sequence::open(&source, &options).unwrap();
     let between = sequence.depth_calibration().unwrap().color_from_depth;
     for (once, twice) in sequence.frames().iter().zip(twice.frames()) {

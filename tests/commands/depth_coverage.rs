@@ -48,10 +48,8 @@ fn sparse_depth_gives_a_part_of_the_surface_and_nothing_else() {
             continue;
         }
         let mesh = read_geometry(&out.join("mesh.ply")).unwrap().into_mesh();
-        let options = EvaluationOptions {
-            samples: 20_000,
-            ..EvaluationOptions::default()
-        };
+        let mut options = EvaluationOptions::default();
+        options.samples = 20_000;
         let near = evaluate(&Shape::from(mesh), &truth, &options).unwrap().at[0];
         assert!(near.precision > 0.95, "{share}: {}", near.precision);
         recalls.push(near.recall.expect("the truth is a mesh"));

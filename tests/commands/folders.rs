@@ -545,11 +545,9 @@ fn numbered_poses_that_count_from_another_number_are_joined_in_order() {
         }
         write(&path.join("Room_COLMAP_SfM.log"), &log);
         write(&path.join("camera.toml"), &sidecar(RIGHT.camera(&room)));
-        let options = OpenOptions {
-            poses: Some(path.join("Room_COLMAP_SfM.log")),
-            calibration: Some(path.join("camera.toml")),
-            ..OpenOptions::default()
-        };
+        let mut options = OpenOptions::default();
+        options.poses = Some(path.join("Room_COLMAP_SfM.log"));
+        options.calibration = Some(path.join("camera.toml"));
         let sequence = Sequence::open(&path.join("images"), &options).unwrap();
         let said: String = sequence
             .warnings()

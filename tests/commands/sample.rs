@@ -179,10 +179,8 @@ fn demand_scores(mesh: &TriangleMesh) {
 /// F of a mesh at 2 and 5 cm.
 fn scores(mesh: &TriangleMesh, truth: &Path) -> [f64; 2] {
     let truth = read_geometry(truth).unwrap();
-    let options = EvaluationOptions {
-        samples: 50_000,
-        ..EvaluationOptions::default()
-    };
+    let mut options = EvaluationOptions::default();
+    options.samples = 50_000;
     let score = evaluate(&Shape::from(mesh.clone()), &truth, &options).unwrap();
     [0, 1].map(|at| score.at[at].f.expect("the truth is a mesh"))
 }

@@ -4,28 +4,21 @@ use std::path::Path;
 
 use crate::program::small_sequence;
 use linecarve::run::CancelToken;
-use linecarve::{Input, Options, Reconstruction, Recording, RunOptions, Selection, Source};
+use linecarve::{Input, Options, Reconstruction, Recording, RunOptions, Source};
 use nalgebra::Vector3;
 
 const FRAMES: usize = 6;
 
 fn recording(path: &Path, source: Source) -> Recording {
-    let input = Input {
-        source,
-        selection: Selection {
-            every: Some(1),
-            ..Selection::default()
-        },
-        ..Input::from(path)
-    };
+    let mut input = Input::from(path);
+    input.source = source;
+    input.selection.every = Some(1);
     Recording::open(&input, Options::default()).expect("a sequence of this program")
 }
 
 fn begin(recording: Recording) -> Reconstruction {
-    let run = RunOptions {
-        keeps_keyframes: true,
-        ..RunOptions::default()
-    };
+    let mut run = RunOptions::default();
+    run.keeps_keyframes = true;
     Reconstruction::new(recording, run).expect("default options are in range")
 }
 
@@ -59,10 +52,8 @@ fn carving_once_gives_the_same_surface() {
         let finished = |is_at_once| {
             let mut recording = recording(&path, source);
             recording.options.surface.least_measured_share = least_measured_share;
-            let run = RunOptions {
-                is_at_once,
-                ..RunOptions::default()
-            };
+            let mut run = RunOptions::default();
+            run.is_at_once = is_at_once;
             let mut run = Reconstruction::new(recording, run).expect("options in range");
             run.run(CancelToken::default(), &mut []).expect("a run");
             run

@@ -35,14 +35,12 @@ fn rendered() -> &'static Path {
     RENDERED.get_or_init(|| {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("stereo-room");
         let _ = std::fs::remove_dir_all(&folder);
-        let options = SynthOptions {
-            scene: SceneKind::Room,
-            frames: 60,
-            width: 320,
-            height: 240,
-            stereo_baseline: Some(BASELINE_M),
-            ..SynthOptions::default()
-        };
+        let mut options = SynthOptions::default();
+        options.scene = SceneKind::Room;
+        options.frames = 60;
+        options.width = 320;
+        options.height = 240;
+        options.stereo_baseline = Some(BASELINE_M);
         write_sequence(&options, &folder, &|_, _| {}).unwrap();
         folder
     })

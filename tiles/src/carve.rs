@@ -74,7 +74,7 @@ impl Sums {
         let centers: Vec<[f64; 3]> = work.open_plan_file("views", Kind::Views)?.records(0)?;
         Ok(Self {
             sums: vec![0; (small.len() + giants.keys.len()) * width],
-            tracer: RayTracer::new(&work.plan().carver.labels),
+            tracer: work.plan().carver.labels.tracer(),
             locations: vec![None; centers.len()],
             latest: None,
             rays: 0,

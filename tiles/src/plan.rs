@@ -8,6 +8,7 @@ use crate::file::program;
 
 /// How a plan is made; nothing of it changes the mesh.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct PlanOptions {
     /// Number of tiles.
     pub tiles: usize,

@@ -316,7 +316,7 @@ impl Planner {
         let mut views = work.create_plan_file("views", Kind::Views)?;
         views.section(&self.centers)?;
         views.finish()?;
-        let tracer = RayTracer::new(&work.plan().carver.labels);
+        let tracer = work.plan().carver.labels.tracer();
         let mut sample: Vec<Vertex> = Vec::new();
         for tile in 0..work.plan().tiles.len() {
             let path = self.tile_path(tile);

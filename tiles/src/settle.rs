@@ -326,10 +326,10 @@ mod tests {
     #[test]
     fn components_may_be_solved_one_by_one() {
         let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(3);
-        let mut carver = Carver::deferred(CarverOptions {
-            labels: Labels::Cut(CutOptions::default()),
-            hull: Hull::Drop,
-        });
+        let mut carver = Carver::deferred(CarverOptions::new(
+            Labels::Cut(CutOptions::default()),
+            Hull::Drop,
+        ));
         let mut transaction = carver.transaction();
         // A rough terrain seen from above, with holes in what is seen.
         let mut random = |side: f64| random.random_range(0.0..side);

@@ -60,17 +60,11 @@ impl Scene {
 }
 
 fn votes(hull: Hull) -> CarverOptions {
-    CarverOptions {
-        labels: Labels::Votes(Votes::default()),
-        hull,
-    }
+    CarverOptions::new(Labels::Votes(Votes::default()), hull)
 }
 
 fn cut() -> CarverOptions {
-    CarverOptions {
-        labels: Labels::Cut(CutOptions::default()),
-        hull: Hull::Drop,
-    }
+    CarverOptions::new(Labels::Cut(CutOptions::default()), Hull::Drop)
 }
 
 fn tiled(carver: &Carver, export: &ExportOptions, options: &PlanOptions) -> (IndexedMesh, u64) {
@@ -86,12 +80,10 @@ fn tiled(carver: &Carver, export: &ExportOptions, options: &PlanOptions) -> (Ind
 }
 
 fn assert_same(scene: &Scene, options: CarverOptions, splits: &[(usize, u64, u32)]) {
-    let export = ExportOptions {
-        longest_edge: None,
-        minimum_component: 8,
-        manifold: true,
-        ..ExportOptions::default()
-    };
+    let mut export = ExportOptions::default();
+    export.longest_edge = None;
+    export.minimum_component = 8;
+    export.manifold = true;
     assert_same_with(scene, options, &export, splits);
 }
 
@@ -106,13 +98,12 @@ fn assert_same_with(
     let whole = whole.mesh(export);
     let carver = scene.carver(options);
     for &(tiles, seed, halo) in splits {
-        let options = PlanOptions {
-            tiles,
-            seed,
-            halo,
-            sample: if seed % 2 == 0 { 1 << 20 } else { 64 },
-            keeps_neighbors: false,
-        };
+        let mut options = PlanOptions::default();
+        options.tiles = tiles;
+        options.seed = seed;
+        options.halo = halo;
+        options.sample = if seed % 2 == 0 { 1 << 20 } else { 64 };
+        options.keeps_neighbors = false;
         let (mesh, _) = tiled(&carver, export, &options);
         assert!(mesh == whole, "{tiles} tiles, seed {seed}, halo {halo}");
     }
@@ -128,13 +119,11 @@ fn assert_same_later(
     export: &ExportOptions,
     (tiles, seed, halo): (usize, u64, u32),
 ) {
-    let options = PlanOptions {
-        tiles,
-        seed,
-        halo,
-        keeps_neighbors: true,
-        ..PlanOptions::default()
-    };
+    let mut options = PlanOptions::default();
+    options.tiles = tiles;
+    options.seed = seed;
+    options.halo = halo;
+    options.keeps_neighbors = true;
     let folder = tempfile::tempdir().unwrap();
     let work = plan(folder.path(), carver, export, &options, String::new()).unwrap();
     run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
@@ -221,12 +210,10 @@ fn long_edges_and_export_without_repair_are_the_same() {
         (Some(2.5), 1, false),
         (None, 0, true),
     ] {
-        let export = ExportOptions {
-            longest_edge,
-            minimum_component,
-            manifold,
-            ..ExportOptions::default()
-        };
+        let mut export = ExportOptions::default();
+        export.longest_edge = longest_edge;
+        export.minimum_component = minimum_component;
+        export.manifold = manifold;
         assert_same_with(&scene, votes(Hull::Drop), &export, &[(5, 1, 0)]);
     }
 }
@@ -249,23 +236,19 @@ fn surfaces_that_touch_themselves_across_tiles_are_repaired_alike() {
             }),
             _ => cut(),
         };
-        let export = ExportOptions {
-            longest_edge: (round % 5 == 0).then_some(0.6),
-            minimum_component: [8, 30, 100, 1][round % 4],
-            manifold: round % 6 != 5,
-            ..ExportOptions::default()
-        };
+        let mut export = ExportOptions::default();
+        export.longest_edge = (round % 5 == 0).then_some(0.6);
+        export.minimum_component = [8, 30, 100, 1][round % 4];
+        export.manifold = round % 6 != 5;
         let mut whole = scene.carver(options);
         whole.carve();
         let whole = whole.mesh(&export);
         let carver = scene.carver(options);
         for tiles in [3, 12] {
-            let options = PlanOptions {
-                tiles,
-                seed: round as u64,
-                halo: 2,
-                ..PlanOptions::default()
-            };
+            let mut options = PlanOptions::default();
+            options.tiles = tiles;
+            options.seed = round as u64;
+            options.halo = 2;
             let folder = tempfile::tempdir().unwrap();
             let work = plan(folder.path(), &carver, &export, &options, String::new()).unwrap();
             run(&work, 1, |item| run_item(&work, item, || None)).unwrap();
@@ -359,11 +342,9 @@ fn a_small_halo_leaves_more_to_settle_and_the_same_mesh() {
     let mut settled = Vec::new();
     let mut meshes = Vec::new();
     for halo in [0, 3, 40] {
-        let options = PlanOptions {
-            tiles: 6,
-            halo,
-            ..PlanOptions::default()
-        };
+        let mut options = PlanOptions::default();
+        options.tiles = 6;
+        options.halo = halo;
         let (mesh, count) = tiled(&carver, &export, &options);
         settled.push(count);
         meshes.push(mesh);
@@ -378,11 +359,9 @@ fn damage_is_noticed_and_made_good() {
     let carver = scene.carver(cut());
     let export = ExportOptions::default();
     let folder = tempfile::tempdir().unwrap();
-    let options = PlanOptions {
-        tiles: 3,
-        halo: 2,
-        ..PlanOptions::default()
-    };
+    let mut options = PlanOptions::default();
+    options.tiles = 3;
+    options.halo = 2;
     let planned = plan(folder.path(), &carver, &export, &options, String::new()).unwrap();
     let carry_out = |work: &Work| run(work, 2, |item| run_item(work, item, || None));
     let all = carry_out(&planned).unwrap();
@@ -409,10 +388,8 @@ fn damage_is_noticed_and_made_good() {
     }
     assert!(all > 8);
     // Another plan does not go into the same folder, and the same does.
-    let other = PlanOptions {
-        tiles: 4,
-        ..options
-    };
+    let mut other = options;
+    other.tiles = 4;
     let refused = plan(folder.path(), &carver, &export, &other, String::new());
     assert!(matches!(refused, Err(TilesError::Planned { .. })));
     plan(folder.path(), &carver, &export, &options, String::new()).unwrap();

@@ -18,10 +18,7 @@ const BY_CUT: [u64; 2] = [0x52f0_3166_8430_9b72, 0x6ad5_10b8_36c7_7a12];
 /// Ground with blocks, seen from above and from between the blocks. No function of a system's library has a part in it.
 fn carver(labels: Labels) -> Carver {
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    let mut carver = Carver::deferred(CarverOptions {
-        labels,
-        hull: Hull::Drop,
-    });
+    let mut carver = Carver::deferred(CarverOptions::new(labels, Hull::Drop));
     let mut change = carver.transaction();
     let views: Vec<_> = (0..16)
         .map(|view| {
@@ -55,10 +52,8 @@ fn carver(labels: Labels) -> Carver {
 /// Digests of the sums over rays and of the mesh.
 fn digests(labels: Labels) -> [u64; 2] {
     let folder = tempfile::tempdir().unwrap();
-    let options = PlanOptions {
-        tiles: 4,
-        ..PlanOptions::default()
-    };
+    let mut options = PlanOptions::default();
+    options.tiles = 4;
     let export = ExportOptions::default();
     let carver = carver(labels);
     let work = plan(folder.path(), &carver, &export, &options, String::new()).unwrap();

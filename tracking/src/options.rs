@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 /// Options of tracking. Lengths are in pixels, shares or numbers of frames; none has the unit of the depth images.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct TrackingOptions {
     /// ORB features of an image, where there is enough texture.
     pub features: usize,
@@ -168,12 +169,11 @@ impl TrackingOptions {
 
     /// Options of the feature detector.
     pub(crate) fn feature_options(&self) -> MapPointOptions {
-        MapPointOptions {
-            features: self.features,
-            corner_threshold: self.corner_threshold,
-            feature_sigma_px: self.feature_sigma_px,
-            ..MapPointOptions::default()
-        }
+        let mut options = MapPointOptions::default();
+        options.features = self.features;
+        options.corner_threshold = self.corner_threshold;
+        options.feature_sigma_px = self.feature_sigma_px;
+        options
     }
 }
 

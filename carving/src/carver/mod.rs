@@ -39,11 +39,29 @@ use points::{NO_VERTEX, Points};
     derive(serde::Serialize, serde::Deserialize),
     serde(default, deny_unknown_fields)
 )]
+#[non_exhaustive]
 pub struct CarverOptions {
-    /// How cells are labelled; by default a cell is free when a ray crosses it.
+    /// How cells are labelled; by default by a minimum cut.
     pub labels: Labels,
     /// Whether facets between free cells and the outside of the hull are part of the surface.
     pub hull: Hull,
+}
+
+impl CarverOptions {
+    /// These labels, and this rule for the hull.
+    pub fn new(labels: Labels, hull: Hull) -> Self {
+        Self { labels, hull }
+    }
+
+    /// These labels; facets on the hull are dropped.
+    pub fn with_labels(labels: Labels) -> Self {
+        Self::new(labels, Hull::default())
+    }
+
+    /// The default labels, and this rule for the hull.
+    pub fn with_hull(hull: Hull) -> Self {
+        Self::new(Labels::default(), hull)
+    }
 }
 
 /// Labels and their state.

@@ -420,7 +420,8 @@ fn rays_walked_by_several_threads_are_recorded_alike() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.unwrap().install(|| {
             let mut rng = ChaCha8Rng::seed_from_u64(5);
-            let mut carver = Carver::new(CarverOptions::default());
+            let mut carver =
+                Carver::new(CarverOptions::with_labels(Labels::Votes(Votes::default())));
             for _ in 0..3 {
                 let mut transaction = carver.transaction();
                 let center = center(&mut rng, space);
@@ -454,7 +455,7 @@ fn rays_walked_by_several_threads_are_recorded_alike() {
 fn moves_that_destroy_most_cells_lead_to_the_state_built_from_scratch() {
     for space in [Space::Cube, Space::Far] {
         let mut rng = ChaCha8Rng::seed_from_u64(11);
-        let mut carver = Carver::new(CarverOptions::default());
+        let mut carver = Carver::new(CarverOptions::with_labels(Labels::Votes(Votes::default())));
         let mut transaction = carver.transaction();
         let views: Vec<ViewId> = (0..6)
             .map(|_| transaction.add_view(center(&mut rng, space)).unwrap())

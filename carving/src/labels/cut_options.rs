@@ -31,6 +31,7 @@ use crate::visibility::{Softness, UNIT};
     derive(serde::Serialize, serde::Deserialize),
     serde(default, deny_unknown_fields)
 )]
+#[non_exhaustive]
 pub struct CutOptions {
     /// Standard deviation of points without one of their own, as a share of the ray's length.
     pub relative_sigma: f64,

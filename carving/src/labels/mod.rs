@@ -14,6 +14,9 @@ pub use cut_options::{CutOptions, CutOptionsError};
 pub use quality::{FacetShape, cosines};
 pub use votes::Votes;
 
+#[cfg(feature = "internals")]
+use crate::visibility::rays::RayTracer;
+
 /// How cells are labelled.
 #[derive(Clone, Copy, PartialEq, Debug)]
 #[cfg_attr(
@@ -28,9 +31,20 @@ pub enum Labels {
     Cut(CutOptions),
 }
 
+#[cfg(feature = "internals")]
+impl Labels {
+    /// A tracer of rays for these labels.
+    pub fn tracer(&self) -> RayTracer {
+        RayTracer::new(match self {
+            Self::Votes(_) => None,
+            Self::Cut(options) => Some(options.softness()),
+        })
+    }
+}
+
 impl Default for Labels {
-    /// One ray frees a cell.
+    /// The minimum cut, which weighs wrong points against right ones.
     fn default() -> Self {
-        Labels::Votes(Votes::default())
+        Labels::Cut(CutOptions::default())
     }
 }

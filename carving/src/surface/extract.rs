@@ -19,6 +19,7 @@ use crate::buckets::Buckets;
     derive(serde::Serialize, serde::Deserialize),
     serde(default, deny_unknown_fields)
 )]
+#[non_exhaustive]
 pub struct ExportOptions {
     /// Triangles with an edge longer than this are left out; `None` keeps all.
     pub longest_edge: Option<f64>,

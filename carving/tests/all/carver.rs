@@ -10,12 +10,12 @@ use std::num::NonZeroU64;
 use crate::helpers::carvings::random_carving;
 
 fn closed(threshold: u64) -> Carver {
-    Carver::new(CarverOptions {
-        labels: Labels::Votes(Votes {
+    Carver::new(CarverOptions::new(
+        Labels::Votes(Votes {
             threshold: NonZeroU64::new(threshold).unwrap(),
         }),
-        hull: Hull::Keep,
-    })
+        Hull::Keep,
+    ))
 }
 
 /// Makes changes in one transaction.
@@ -120,7 +120,7 @@ fn a_view_in_a_room_frees_the_cells_around_it_and_leaves_the_cells_it_does_not_s
 #[test]
 fn a_wall_hides_what_is_behind_it() {
     // A wall at x = 1 seen from the origin side, points behind it at x = 2 seen by nobody.
-    let mut carver = Carver::default();
+    let mut carver = Carver::new(CarverOptions::with_labels(Labels::Votes(Votes::default())));
     let mut transaction = carver.transaction();
     let centers = [
         [-3.0, 0.1, 0.2],

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use linecarve_carving::{
-    Carver, CarverOptions, CutOptions, ExportOptions, Hull, IndexedMesh, Labels, PointId,
+    Carver, CarverOptions, CutOptions, ExportOptions, Hull, IndexedMesh, Labels, PointId, Votes,
 };
 use nalgebra::{Point3, Rotation3, Vector3};
 use rand::seq::SliceRandom;
@@ -66,10 +66,7 @@ fn room(points: usize, keyframes: usize, wrong: f64, seed: u64) -> Room {
 }
 
 fn carve(room: &Room, labels: Labels) -> (Carver, Vec<PointId>) {
-    let mut carver = Carver::new(CarverOptions {
-        labels,
-        hull: Hull::Drop,
-    });
+    let mut carver = Carver::new(CarverOptions::new(labels, Hull::Drop));
     let mut ids: Vec<Option<PointId>> = vec![None; room.points.len()];
     for keyframe in &room.keyframes {
         let mut transaction = carver.transaction();
@@ -134,7 +131,7 @@ fn two_wrong_points_in_a_hundred_do_little_harm() {
         let (carver, _) = carve(&room(2500, 40, wrong, 3), labels);
         mean_error(&carver.mesh(&ExportOptions::default()))
     };
-    let votes = [0.0, 0.02].map(|wrong| surface(wrong, Labels::default()));
+    let votes = [0.0, 0.02].map(|wrong| surface(wrong, Labels::Votes(Votes::default())));
     let cut = [0.0, 0.02].map(|wrong| surface(wrong, cut()));
     let walls = 8.0 * (HALF_M[0] * HALF_M[1] + HALF_M[1] * HALF_M[2] + HALF_M[2] * HALF_M[0]);
     // Nearly all of the walls is there, once.

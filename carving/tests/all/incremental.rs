@@ -133,17 +133,16 @@ impl Run {
             0 => Labels::Cut(CutOptions::default()),
             _ => Labels::Votes(Votes::default()),
         };
-        let options = ExportOptions {
-            longest_edge: rng.random::<bool>().then_some(3.0),
-            minimum_component: [0, 2, 5, 12][rng.random_range(0..4)],
-            manifold: rng.random_range(0..5) > 0,
-            fill_gaps: rng.random(),
-        };
+        let mut options = ExportOptions::default();
+        options.longest_edge = rng.random::<bool>().then_some(3.0);
+        options.minimum_component = [0, 2, 5, 12][rng.random_range(0..4)];
+        options.manifold = rng.random_range(0..5) > 0;
+        options.fill_gaps = rng.random();
         Self {
-            carver: Carver::new(CarverOptions {
+            carver: Carver::new(CarverOptions::new(
                 labels,
-                hull: [Hull::Drop, Hull::Keep][rng.random_range(0..2)],
-            }),
+                [Hull::Drop, Hull::Keep][rng.random_range(0..2)],
+            )),
             mesh: IncrementalMesh::new(&options),
             options,
             roles: Roles::new(),

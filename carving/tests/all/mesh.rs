@@ -38,10 +38,9 @@ fn plain_and_repaired(seed: u64, is_hull_dropped: bool) -> [IndexedMesh; 2] {
     };
     let carver = random_carving(seed, hull);
     [false, true].map(|manifold| {
-        carver.mesh(&ExportOptions {
-            manifold,
-            ..Default::default()
-        })
+        let mut options = ExportOptions::default();
+        options.manifold = manifold;
+        carver.mesh(&options)
     })
 }
 
@@ -170,21 +169,19 @@ fn filters_drop_long_triangles_and_small_components() {
             (mesh.vertices[a as usize] - mesh.vertices[b as usize]).norm()
         };
         let longest = 4.0;
-        let short = carver.mesh(&ExportOptions {
-            longest_edge: Some(longest),
-            ..Default::default()
-        });
+        let mut options = ExportOptions::default();
+        options.longest_edge = Some(longest);
+        let short = carver.mesh(&options);
         let is_short = |mesh: &IndexedMesh, t: &&[u32; 3]| {
             (0..3).all(|k| length(mesh, t[k], t[(k + 1) % 3]) <= longest)
         };
         let expected = all.triangles.iter().filter(|t| is_short(&all, t)).count();
         assert_eq!(short.triangles.len(), expected);
         assert!(short.triangles.iter().all(|t| is_short(&short, &t)));
-        let large = carver.mesh(&ExportOptions {
-            minimum_component: 5,
-            manifold: true,
-            ..Default::default()
-        });
+        let mut options = ExportOptions::default();
+        options.minimum_component = 5;
+        options.manifold = true;
+        let large = carver.mesh(&options);
         // In a repaired mesh, components are what vertices connect.
         let mut component: Vec<usize> = (0..large.vertices.len()).collect();
         fn root(component: &mut [usize], mut v: usize) -> usize {
@@ -217,10 +214,8 @@ fn the_unwanted_are_left_out_and_vertices_know_their_origin() {
         let carver = random_carving(seed, Hull::Keep);
         let is_wanted = |triangle: Triangle| !triangle[0].index().is_multiple_of(3);
         for manifold in [false, true] {
-            let options = ExportOptions {
-                manifold,
-                ..ExportOptions::default()
-            };
+            let mut options = ExportOptions::default();
+            options.manifold = manifold;
             let (mesh, origins) = carver.mesh_where(&options, only(is_wanted));
             let wanted = carver.triangles().filter(|t| is_wanted(*t)).count();
             assert!(wanted > 0 && wanted < carver.triangle_count());
@@ -252,10 +247,8 @@ fn the_unwanted_are_left_out_and_vertices_know_their_origin() {
 #[test]
 fn gaps_of_one_triangle_are_filled_and_larger_ones_are_not() {
     let carver = random_carving(0, Hull::Keep);
-    let filled = ExportOptions {
-        fill_gaps: true,
-        ..ExportOptions::default()
-    };
+    let mut filled = ExportOptions::default();
+    filled.fill_gaps = true;
     let whole = carver.mesh(&ExportOptions::default());
     let mut triangles: Vec<Triangle> = carver.triangles().collect();
     triangles.sort_unstable();
@@ -298,10 +291,8 @@ fn parts_of_triangles_have_their_areas_and_stay_manifold() {
             })
         };
         let role = |it: &Triangle| part(it).map_or(TriangleRole::Exported, TriangleRole::Part);
-        let options = ExportOptions {
-            manifold: true,
-            ..ExportOptions::default()
-        };
+        let mut options = ExportOptions::default();
+        options.manifold = true;
         let (mesh, origins) = carver.mesh_where(&options, role);
         assert_manifold(&mesh, seed);
         let area = |corners: [Point3<f64>; 3]| {
@@ -350,11 +341,9 @@ fn parts_of_triangles_have_their_areas_and_stay_manifold() {
 #[test]
 fn what_is_left_of_a_large_component_may_be_small() {
     let carver = random_carving(0, Hull::Keep);
-    let options = ExportOptions {
-        minimum_component: 5,
-        manifold: true,
-        ..ExportOptions::default()
-    };
+    let mut options = ExportOptions::default();
+    options.minimum_component = 5;
+    options.manifold = true;
     let whole = carver
         .mesh_where(&options, only(|_| true))
         .0

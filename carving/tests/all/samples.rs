@@ -2,6 +2,7 @@
 
 use linecarve_carving::{
     Carver, CarverOptions, CutOptions, Hull, Labels, Location, PointId, SampleId, TransactionError,
+    Votes,
 };
 use nalgebra::Point3;
 
@@ -9,10 +10,7 @@ use nalgebra::Point3;
 const RAY: i32 = 256;
 
 fn cut(hull: Hull) -> Carver {
-    Carver::new(CarverOptions {
-        labels: Labels::Cut(CutOptions::default()),
-        hull,
-    })
+    Carver::new(CarverOptions::new(Labels::Cut(CutOptions::default()), hull))
 }
 
 fn p(x: f64, y: f64, z: f64) -> Point3<f64> {
@@ -269,7 +267,7 @@ fn weights_of_samples_add_up_and_cancel() {
 
 #[test]
 fn votes_keep_samples_and_ignore_them() {
-    let mut carver = Carver::default();
+    let mut carver = Carver::new(CarverOptions::with_labels(Labels::Votes(Votes::default())));
     add_tetrahedron(&mut carver);
     let mut transaction = carver.transaction();
     let sample = transaction.add_sample(p(0.1, 0.2, 0.3), 100 * RAY).unwrap();

@@ -1,7 +1,7 @@
 //! Ids, options, meshes and deltas survive serialisation; unknown keys are refused.
 
 use linecarve_carving::{
-    CarverOptions, CutOptions, ExportOptions, Hull, IndexedMesh, Labels, SurfaceDelta,
+    CarverOptions, CutOptions, ExportOptions, Hull, IndexedMesh, Labels, SurfaceDelta, Votes,
 };
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -24,9 +24,11 @@ fn what_is_written_is_read() {
         ..SurfaceDelta::default()
     };
     assert_eq!(returned(&delta), delta);
-    for labels in [Labels::default(), Labels::Cut(CutOptions::default())] {
-        let hull = Hull::Keep;
-        let options = CarverOptions { labels, hull };
+    for labels in [
+        Labels::Votes(Votes::default()),
+        Labels::Cut(CutOptions::default()),
+    ] {
+        let options = CarverOptions::new(labels, Hull::Keep);
         assert_eq!(returned(&options), options);
     }
     let points: Vec<_> = carver.points().collect();
@@ -37,10 +39,8 @@ fn what_is_written_is_read() {
 fn keys_left_out_have_their_defaults_and_unknown_keys_are_refused() {
     let options: CarverOptions =
         serde_json::from_str(r#"{"labels": {"cut": {"quality_weight": 2.0}}}"#).unwrap();
-    let expected = CutOptions {
-        quality_weight: 2.0,
-        ..CutOptions::default()
-    };
+    let mut expected = CutOptions::default();
+    expected.quality_weight = 2.0;
     assert_eq!(options.labels, Labels::Cut(expected));
     assert!(serde_json::from_str::<ExportOptions>(r#"{"manifolds": true}"#).is_err());
 }

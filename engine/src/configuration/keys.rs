@@ -133,8 +133,8 @@ table! {
         /// Least number of keyframes that see a point that is carved.
         /// Set it to 2 for sequences with few views, higher for fewer wrong points.
         min_views: usize = map_points.min_views, Values::range(2.0, 1e4, "a whole number from 2 to 10000");
-        /// Least number of views of a model that see a point that is carved; 0: 2 in dense clouds and in models of which most points have no
-        /// more, 3 in others.
+        /// Least number of views of a model that see a point that is carved. 0: 2 in dense clouds and in models whose points mostly have
+        /// no more, 3 in others.
         /// Set it to 2 for models with few views, higher for fewer wrong points.
         min_model_views: usize = point_model.min_views, Values::range(0.0, 1e4, "a whole number from 0 to 10000");
         /// Largest standard deviation of the position of a point, as a share of its distance from the nearest keyframe that sees it.

@@ -21,7 +21,7 @@ const MIN_POINTS: usize = 40;
 ///
 /// # Errors
 /// When an option is out of range.
-pub fn median_feature_depth(
+pub(crate) fn median_feature_depth(
     sequence: &Sequence,
     options: &MapPointOptions,
 ) -> Result<Option<f64>, PointOptionsError> {

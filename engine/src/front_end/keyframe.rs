@@ -94,7 +94,7 @@ impl Keyframe {
     }
 
     /// Replaces the pose of the colour camera. Views of a model have their poses in the model.
-    pub fn set_world_from_camera(&mut self, pose: Isometry3<f64>) {
+    pub(crate) fn set_world_from_camera(&mut self, pose: Isometry3<f64>) {
         match self {
             Self::Lines(keyframe) => keyframe.world_from_camera = pose,
             Self::Features(keyframe) => keyframe.world_from_camera = pose,
@@ -112,7 +112,7 @@ impl Keyframe {
     }
 
     /// Gives all segments another keyframe number.
-    pub fn renumber(&mut self, number: usize) {
+    pub(crate) fn renumber(&mut self, number: usize) {
         if let Self::Lines(keyframe) = self {
             for segment in &mut keyframe.segments {
                 segment.keyframe = number as u32;

@@ -32,14 +32,16 @@ pub use colors::KeyframeColors;
 pub use depth_source::{DepthSource, SemiDenseSource};
 pub use edge_points::EdgePoint;
 pub use error::FrontEndError;
-pub use feature_scale::median_feature_depth;
+pub(crate) use feature_scale::median_feature_depth;
 pub use features::FeatureFrontEnd;
 pub(crate) use image_poses::empty_point_map;
 pub use image_poses::{ImagePoses, ImagePosesError, PoseSummary, correct_poses};
 pub use image_scale::{ScaleError, median_depth_from_images};
 pub use keyframe::{FeatureKeyframe, Keyframe, LineKeyframe, unmeasurable_warning};
-pub use scale::{far_origin, median_scene_depth};
+pub(crate) use scale::far_origin;
+pub use scale::{median_depth, median_scene_depth};
 pub use semi_dense::SemiDenseFrontEnd;
+pub(crate) use sensor::KeyframeImages;
 pub use sensor::SensorFrontEnd;
 
 /// A result of a front end.
@@ -57,7 +59,7 @@ pub enum Arrival {
 }
 
 /// Arrivals with the numbers of their keyframes, in the order for the map.
-pub type Arrivals = Vec<(usize, Arrival)>;
+pub(crate) type Arrivals = Vec<(usize, Arrival)>;
 
 /// The kinds of front end.
 pub enum FrontEnd {
@@ -73,7 +75,7 @@ pub enum FrontEnd {
 
 /// A group of frames that become keyframes.
 #[derive(Debug, Clone, Copy)]
-pub struct Group<'a> {
+pub(crate) struct Group<'a> {
     /// Number of the first keyframe.
     pub first: usize,
     /// Positions of the frames in the sequence.
@@ -109,7 +111,7 @@ impl FrontEnd {
 
     /// Prepares the keyframes of a range alone, which a new front end finds in `checkpoint` or stores there; of those whose depth comes from
     /// neighbours, images around the range are read too. Returns the final keyframes.
-    pub fn prepare_range(
+    pub(crate) fn prepare_range(
         mut self,
         sequence: &Sequence,
         frames: &[usize],
@@ -130,7 +132,7 @@ impl FrontEnd {
     }
 
     /// Reads a group of keyframes in parallel and returns the arrivals due. `checkpoint` provides and stores keyframes.
-    pub fn prepare(
+    pub(crate) fn prepare(
         &mut self,
         sequence: &Sequence,
         group: Group<'_>,

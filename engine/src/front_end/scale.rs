@@ -4,10 +4,19 @@ use linecarve_lines::depth::measurable_range;
 use linecarve_lines::upper_median;
 use nalgebra::{Point3, Vector3};
 
-use linecarve_sequence::{FrameError, Sequence};
+use linecarve_sequence::{DepthImage, FrameError, Sequence};
 
 /// Number of sampled frames, evenly spread over the sequence.
 const SAMPLES: usize = 9;
+
+/// The median of the known values of a depth image; `None` when there are none.
+pub fn median_depth(depth: &DepthImage) -> Option<f64> {
+    let samples = depth.samples().iter().copied();
+    let mut known: Vec<f32> = samples
+        .filter(|depth| depth.is_finite() && *depth > 0.0)
+        .collect();
+    upper_median(&mut known, f32::total_cmp).map(f64::from)
+}
 
 /// The median over a few frames of each frame's median depth, in units of the poses. Thresholds that are not in pixels or
 /// standard deviations are shares of it.
@@ -27,13 +36,7 @@ pub fn median_scene_depth(
         let index = frames[(2 * sample + 1) * frames.len() / (2 * count)];
         match sequence.load_depth(index) {
             Ok(Some(depth)) => {
-                let mut known: Vec<f32> = depth
-                    .samples()
-                    .iter()
-                    .copied()
-                    .filter(|depth| depth.is_finite() && *depth > 0.0)
-                    .collect();
-                medians.extend(upper_median(&mut known, f32::total_cmp).map(f64::from));
+                medians.extend(median_depth(&depth));
             }
             Ok(None) => {}
             Err(error) if error.is_limited_to_frame() => {}
@@ -56,7 +59,7 @@ pub fn median_scene_depth(
 const FAR_FROM_ZERO: f64 = 1000.0;
 
 /// The origin subtracted from all coordinates: zero, or the rounded first camera position when cameras are far from zero.
-pub fn far_origin(
+pub(crate) fn far_origin(
     camera_positions: impl IntoIterator<Item = Point3<f64>>,
     median_depth: f64,
 ) -> Vector3<f64> {

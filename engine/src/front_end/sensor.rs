@@ -1,10 +1,13 @@
 //! Keyframes with depth from depth images, each independent of the others.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::DepthSensor;
+use linecarve_lines::image::{GrayImage, Plane};
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
-use linecarve_sequence::Sequence;
+use linecarve_sequence::{ColorImage, Sequence};
+use nalgebra::Isometry3;
 
 use super::colors::KeyframeColors;
 use super::error::FrontEndError;
@@ -17,6 +20,21 @@ use crate::run::{Checkpoint, StageTimes, milliseconds};
 pub struct SensorFrontEnd {
     sensor: DepthSensor,
     extractor: SegmentExtractor,
+}
+
+/// The images of one keyframe.
+#[derive(Clone, Copy)]
+pub(crate) struct KeyframeImages<'a> {
+    pub(crate) gray: &'a GrayImage,
+    pub(crate) color: &'a ColorImage,
+    /// In units of the poses; unknown values are 0.
+    pub(crate) depth: &'a Plane<f32>,
+    /// Standard deviation of each depth.
+    pub(crate) sigma: Option<&'a Plane<f32>>,
+    /// Number of depth values that were removed as unmeasurable.
+    pub(crate) unmeasurable: usize,
+    /// Time that loading took.
+    pub(crate) loading: Duration,
 }
 
 impl SensorFrontEnd {
@@ -59,37 +77,73 @@ impl SensorFrontEnd {
         let name = || sequence.frames()[frame].name.clone();
         let start = Instant::now();
         let (image, color) = sequence.load_gray_and_color(frame)?;
-        let colors = KeyframeColors::of(&color);
-        let (depth, mut unmeasurable) = sequence
+        let (depth, unmeasurable) = sequence
             .load_depth_counted(frame)?
             .ok_or_else(|| FrontEndError::WithoutDepth { frame: name() })?;
         let sigma = sequence.load_depth_sigma(frame)?;
-        let loaded = start.elapsed();
+        let images = KeyframeImages {
+            gray: &image,
+            color: &color,
+            depth: &depth,
+            sigma: sigma.as_ref(),
+            unmeasurable,
+            loading: start.elapsed(),
+        };
+        let pose = sequence.frames()[frame].world_from_camera;
+        self.extract(
+            &images,
+            sequence.color_camera(),
+            pose,
+            (frame, keyframe),
+            name,
+        )
+    }
+
+    /// Extracts the segments of a frame in memory.
+    ///
+    /// # Errors
+    /// When depth and colour are incompatible.
+    pub(crate) fn extract(
+        &mut self,
+        images: &KeyframeImages<'_>,
+        camera: &Camera,
+        world_from_camera: Isometry3<f64>,
+        (frame, keyframe): (usize, u32),
+        name: impl Fn() -> String,
+    ) -> Result<LineKeyframe, FrontEndError> {
+        let start = Instant::now();
+        let KeyframeImages {
+            gray: image,
+            color,
+            depth,
+            mut unmeasurable,
+            ..
+        } = *images;
+        let colors = KeyframeColors::of(color);
         let far = |depth: &&f32| **depth > 0.0 && !self.sensor.noise.can_measure(**depth);
         unmeasurable += depth.samples().iter().filter(far).count();
-        let camera = sequence.color_camera();
         let (width, height) = (image.width(), image.height());
-        let map = match &sigma {
+        let map = match images.sigma {
             Some(sigma) => self
                 .sensor
-                .inverse_depth_with_sigma(&depth, sigma, camera, width, height),
-            None => self.sensor.inverse_depth(&depth, camera, width, height),
+                .inverse_depth_with_sigma(depth, sigma, camera, width, height),
+            None => self.sensor.inverse_depth(depth, camera, width, height),
         };
         let map = map.map_err(|source| FrontEndError::Depth {
             frame: name(),
             source,
         })?;
-        let registered = start.elapsed() - loaded;
+        let registered = start.elapsed();
         let extraction = self
             .extractor
-            .extract(&image, Some(color.as_raw()), &map, camera, keyframe)
+            .extract(image, Some(color.as_raw()), &map, camera, keyframe)
             .map_err(|source| FrontEndError::Extract {
                 frame: name(),
                 source,
             })?;
         Ok(LineKeyframe {
             frame,
-            world_from_camera: sequence.frames()[frame].world_from_camera,
+            world_from_camera,
             segments: extraction.segments,
             edge_points: Vec::new(),
             surface: extraction.surface,
@@ -99,7 +153,7 @@ impl SensorFrontEnd {
             edge_pixels: extraction.edge_pixels,
             edge_pixels_with_depth: extraction.edge_pixels_with_depth,
             times: StageTimes {
-                load: milliseconds(loaded),
+                load: milliseconds(images.loading),
                 depth: milliseconds(
                     registered + extraction.durations.edge_depth + extraction.durations.samples,
                 ),

@@ -9,7 +9,7 @@ impl Map {
     ///
     /// # Memory
     /// 20 bytes a measurement.
-    pub fn keep_measurements(&mut self) {
+    pub(crate) fn keep_measurements(&mut self) {
         if let Contents::Lines(lines) = &mut self.contents {
             lines.keep_measurements();
         }
@@ -17,7 +17,7 @@ impl Map {
 
     /// Whether a correction to this pose, in the frame of computation, changes more than a share of the deviation of what the
     /// keyframe measured. Smaller ones need not be made until they add up.
-    pub fn is_moved(&self, keyframe: usize, world_from_camera: &Isometry3<f64>) -> bool {
+    pub(crate) fn is_moved(&self, keyframe: usize, world_from_camera: &Isometry3<f64>) -> bool {
         match (&self.contents, self.median_depth) {
             (Contents::Lines(lines), Some(depth)) => {
                 lines.is_moved(&self.options, depth, keyframe, world_from_camera)
@@ -35,7 +35,7 @@ impl Map {
     ///
     /// # Complexity
     /// What these keyframes brought, whatever the size of the map.
-    pub fn correct(
+    pub(crate) fn correct(
         &mut self,
         keyframes: &[(usize, Option<Isometry3<f64>>)],
     ) -> Result<MapUpdate, MapError> {
@@ -56,7 +56,7 @@ impl Map {
     ///
     /// # Errors
     /// As [`correct`](Self::correct).
-    pub fn remove_provisional(&mut self, frames: &[usize]) -> Result<MapUpdate, MapError> {
+    pub(crate) fn remove_provisional(&mut self, frames: &[usize]) -> Result<MapUpdate, MapError> {
         let Contents::Lines(lines) = &mut self.contents else {
             return Err(MapError::WrongKeyframe);
         };
@@ -70,7 +70,7 @@ impl Map {
     ///
     /// # Errors
     /// When the carver rejects a position. The map must not be used afterwards.
-    pub fn observe(&mut self, change: &ObservationChange) -> Result<MapUpdate, MapError> {
+    pub(crate) fn observe(&mut self, change: &ObservationChange) -> Result<MapUpdate, MapError> {
         let Contents::Observed(observed) = &mut self.contents else {
             return Err(MapError::WrongKeyframe);
         };

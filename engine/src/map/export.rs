@@ -90,14 +90,16 @@ pub(super) fn observed_colors(
 /// How a surface of this median depth is exported.
 pub(crate) fn export_options(options: &Options, median_depth: Option<f64>) -> ExportOptions {
     let surface = &options.surface;
-    ExportOptions {
-        longest_edge: median_depth
+    {
+        let mut options = ExportOptions::default();
+        options.longest_edge = median_depth
             .zip(surface.longest_edge_share)
-            .map(|(depth, share)| share * depth),
-        minimum_component: surface.minimum_component,
-        manifold: surface.manifold,
+            .map(|(depth, share)| share * depth);
+        options.minimum_component = surface.minimum_component;
+        options.manifold = surface.manifold;
         // The samples of a triangle are few: one that is left out alone is seldom a hole.
-        fill_gaps: surface.holes != HoleFilling::None,
+        options.fill_gaps = surface.holes != HoleFilling::None;
+        options
     }
 }
 

@@ -53,7 +53,7 @@ pub use error::MapError;
 pub(crate) use export::{close_all_holes, export_options};
 pub use model::ModelCounts;
 pub(crate) use model::PointSelector;
-pub use observed::{ObservationChange, ObservedPoint, PointKind};
+pub(crate) use observed::{ObservationChange, ObservedPoint, PointKind};
 pub use segment_map::SegmentMap;
 pub(crate) use sources::carver_options;
 use surface::CarvedVertices;
@@ -94,7 +94,7 @@ enum Contents {
 impl Map {
     /// Carves an empty map once, in [`finish`](Self::finish), or with every [`push`](Self::push) of a model: the final surface is the same,
     /// sooner and in less memory. Until then there is no surface.
-    pub fn defer_carving(&mut self) {
+    pub(crate) fn defer_carving(&mut self) {
         if self.keyframes == 0 {
             self.carver = Carver::deferred(carver_options(&self.options));
         }
@@ -175,7 +175,7 @@ impl Map {
     }
 
     /// Finishes the map after the last keyframe: removes provisional keyframes, or adjusts all feature points and poses
-    /// together; then carves, where that was [deferred](Self::defer_carving).
+    /// together; then carves, where that was deferred.
     ///
     /// # Errors
     /// As [`push`](Self::push).
@@ -220,7 +220,7 @@ impl Map {
     }
 
     /// Keeps the exported surface up to date from now on, for [`take_surface_change`](Self::take_surface_change).
-    pub fn follow_surface(&mut self) {
+    pub(crate) fn follow_surface(&mut self) {
         if self.surface.is_none() {
             self.surface = Some(Box::new(self.new_surface()));
         }
@@ -240,7 +240,7 @@ impl Map {
     ///
     /// # Complexity
     /// That of the change.
-    pub fn take_surface_change(&mut self) -> Option<SurfaceChange> {
+    pub(crate) fn take_surface_change(&mut self) -> Option<SurfaceChange> {
         let mut surface = self.surface.take()?;
         let change = self.update_surface(&mut surface);
         self.surface = Some(surface);
@@ -282,7 +282,7 @@ impl Map {
         CloudVertices { surface, position }
     }
 
-    /// The followed surface as of the last [`take_surface_change`](Self::take_surface_change).
+    /// The followed surface as of its last change.
     pub fn followed_surface(&self) -> Option<&MapSurface> {
         self.surface.as_deref()
     }
@@ -304,7 +304,7 @@ impl Map {
         }
     }
 
-    /// Time of carving after the last keyframe, where it was [deferred](Self::defer_carving).
+    /// Time of carving after the last keyframe, where it was deferred.
     pub fn final_carving(&self) -> Option<Duration> {
         self.final_carving
     }

@@ -14,7 +14,7 @@ use crate::options::PointModelOptions;
 
 /// Which points of an [`ObservationChange`] are carved.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PointKind {
+pub(crate) enum PointKind {
     /// A point of its own: only where enough views with parallax observe it, as in a model.
     Single,
     /// A point on a line, which its image edge and the neighbours support: with any view before which it lies.
@@ -23,7 +23,7 @@ pub enum PointKind {
 
 /// A new or moved point.
 #[derive(Debug, Clone, Copy)]
-pub struct ObservedPoint {
+pub(crate) struct ObservedPoint {
     /// Number of the point; new ones follow the known ones without a gap.
     pub number: u32,
     /// Position in the frame of computation.
@@ -36,7 +36,7 @@ pub struct ObservedPoint {
 
 /// Changes of views, points and observations that take effect together, in the order of the fields.
 #[derive(Debug, Clone, Default)]
-pub struct ObservationChange {
+pub(crate) struct ObservationChange {
     /// New views, numbered on from the known ones, in the frame of computation.
     pub views: Vec<ModelView>,
     /// New poses of views, in the frame of computation.

@@ -20,7 +20,7 @@ impl Map {
     ///
     /// # Errors
     /// When a clustering option is out of range.
-    pub fn of_segments(options: &Options, median_depth: f64) -> Result<Self, MapError> {
+    pub(crate) fn of_segments(options: &Options, median_depth: f64) -> Result<Self, MapError> {
         let segments = SegmentMap::new(options, median_depth)?;
         Ok(Self::new(
             options,
@@ -87,7 +87,7 @@ impl Map {
     ///
     /// # Errors
     /// When an option is out of range.
-    pub fn of_features(
+    pub(crate) fn of_features(
         options: &Options,
         sequence: &Sequence,
         median_depth: Option<f64>,
@@ -123,7 +123,7 @@ impl Map {
 
     /// An empty map of points whose views and observations come with [`observe`](Self::observe). Without `median_depth` the length
     /// scale is that of the points.
-    pub fn of_observations(options: &Options, median_depth: Option<f64>) -> Self {
+    pub(crate) fn of_observations(options: &Options, median_depth: Option<f64>) -> Self {
         let observed = ObservedMap::new(&options.point_model, options.carving.cut.sigma_factor);
         Self::new(
             options,
@@ -149,12 +149,9 @@ impl Map {
 
 /// The options of the carver.
 pub(crate) fn carver_options(options: &Options) -> CarverOptions {
-    CarverOptions {
-        labels: options.carving.labels(),
-        hull: if options.surface.keep_hull {
-            Hull::Keep
-        } else {
-            Hull::Drop
-        },
-    }
+    let hull = match options.surface.keep_hull {
+        true => Hull::Keep,
+        false => Hull::Drop,
+    };
+    CarverOptions::new(options.carving.labels(), hull)
 }

@@ -351,10 +351,8 @@ impl<'a> KeyframeSurface<'a> {
         let is_first = |vertex: &&ImageVertex| taken.insert(vertex.pixel.coords.map(square));
         let thinned: Vec<ImageVertex> = vertices.iter().filter(is_first).copied().collect();
         let mut triangulation = ImageTriangulation::new(&thinned);
-        let options = RefineOptions {
-            relative_error: self.disagreement,
-            ..*options
-        };
+        let mut options = *options;
+        options.relative_error = self.disagreement;
         let added = triangulation.refine(self.samples, &options);
         let added = added.iter().filter_map(|vertex| {
             let sample = self.samples.near(&vertex.pixel)?;

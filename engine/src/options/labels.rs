@@ -20,6 +20,7 @@ pub enum LabelKind {
 
 /// Settings of the minimum cut; see `CutOptions` of the carving library.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct CutSettings {
     /// Factor on the measured standard deviation of a point.
     pub sigma_factor: f64,
@@ -48,12 +49,11 @@ impl Default for CutSettings {
 impl CutSettings {
     /// The options of the carver.
     pub fn options(&self) -> CutOptions {
-        CutOptions {
-            behind_sigmas: self.behind_sigmas,
-            matter_weight: self.matter_weight,
-            quality_weight: self.quality_weight,
-            ..CutOptions::default()
-        }
+        let mut options = CutOptions::default();
+        options.behind_sigmas = self.behind_sigmas;
+        options.matter_weight = self.matter_weight;
+        options.quality_weight = self.quality_weight;
+        options
     }
 }
 

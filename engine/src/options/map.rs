@@ -4,6 +4,7 @@ use linecarve_lines::triangulation::{RefineOptions, SampleOptions};
 
 /// Data association of measurements with landmarks.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct LandmarkOptions {
     /// Whether measurements are fused; otherwise each is a point of its own, as in the paper.
     pub join: bool,
@@ -30,6 +31,7 @@ impl Default for LandmarkOptions {
 
 /// Sampling of points along segments.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct SegmentPointOptions {
     /// Largest distance of neighbouring points of a segment in the image. `None`: end points only, as in the paper.
     pub spacing_px: Option<f64>,
@@ -45,6 +47,7 @@ impl Default for SegmentPointOptions {
 
 /// Points between segments, where depth is dense.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct SurfacePointOptions {
     /// Whether they are used; otherwise segments alone make the map.
     pub enabled: bool,
@@ -70,6 +73,7 @@ impl Default for SurfacePointOptions {
 
 /// Filter for the points of a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct PointModelOptions {
     /// Least number of views that observe a point. 0 is 2 for dense clouds, and for models of which most points have no more; 3 for others.
     pub min_views: usize,

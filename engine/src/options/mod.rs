@@ -26,6 +26,7 @@ pub use semi_dense::SemiDenseStage;
 
 /// Parameters of all stages.
 #[derive(Debug, Clone, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Options {
     /// Selection of keyframes.
     pub keyframes: KeyframeOptions,
@@ -77,6 +78,7 @@ pub enum LineMethod {
 
 /// Image loading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct ImageOptions {
     /// Images with a longer side are downscaled by an integer factor; 0: never. Does not apply to sequences with depth
     /// images.
@@ -85,7 +87,7 @@ pub struct ImageOptions {
 
 impl ImageOptions {
     /// The longest allowed side of an image.
-    pub fn longest_side(&self) -> u32 {
+    pub(crate) fn longest_side(&self) -> u32 {
         match self.longest_side_px {
             0 => u32::MAX,
             pixels => pixels,
@@ -103,6 +105,7 @@ impl Default for ImageOptions {
 
 /// Depth camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct SensorOptions {
     /// Standard deviation of depth at the median scene depth, as a share of it. That of inverse depth is constant.
     pub relative_noise: f64,
@@ -118,6 +121,7 @@ impl Default for SensorOptions {
 
 /// Free-space carving.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct CarvingOptions {
     /// Labelling of tetrahedra.
     pub labels: LabelKind,
@@ -143,6 +147,7 @@ impl Default for CarvingOptions {
 
 /// Surface export.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct SurfaceOptions {
     /// Where depth is not dense, triangles with an edge longer than this share of the median scene depth are dropped. `None`
     /// keeps all.
@@ -188,6 +193,7 @@ pub enum HoleFilling {
 
 /// Simplification of the final mesh.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[non_exhaustive]
 pub struct SimplifySettings {
     /// Largest distance between the original and the simplified mesh. `None`: no simplification.
     pub tolerance: Option<Tolerance>,
@@ -223,19 +229,19 @@ pub enum OptionsError {
 impl Options {
     /// Options of the segment extraction in a scene of this median depth.
     pub fn extract(&self, median_depth: f64) -> ExtractOptions {
-        ExtractOptions {
-            edges: self.edges,
-            edge_depth: self.edge_depth,
-            fit: self.fit,
-            paper: match self.lines {
-                LineMethod::EdgeAided => None,
-                LineMethod::Paper => Some(PaperOptions::with_unit(median_depth)),
-            },
-            samples: self
-                .surface_points
-                .enabled
-                .then_some(self.surface_points.samples),
-        }
+        let mut options = ExtractOptions::default();
+        options.edges = self.edges;
+        options.edge_depth = self.edge_depth;
+        options.fit = self.fit;
+        options.paper = match self.lines {
+            LineMethod::EdgeAided => None,
+            LineMethod::Paper => Some(PaperOptions::with_unit(median_depth)),
+        };
+        options.samples = self
+            .surface_points
+            .enabled
+            .then_some(self.surface_points.samples);
+        options
     }
 
     /// Checks the ranges of values without a check in their own stage.

@@ -31,14 +31,16 @@ impl Options {
             semi_dense: SemiDenseStage {
                 edge_point_spacing_px: 0,
                 is_dense: false,
-                neighbours: NeighbourOptions {
-                    count: 7,
-                    ..NeighbourOptions::default()
+                neighbours: {
+                    let mut options = NeighbourOptions::default();
+                    options.count = 7;
+                    options
                 },
                 matching: SemiDenseOptions::published(),
-                confirm: ConsistencyOptions {
-                    least_agreeing: 3,
-                    ..ConsistencyOptions::default()
+                confirm: {
+                    let mut options = ConsistencyOptions::default();
+                    options.least_agreeing = 3;
+                    options
                 },
                 ..SemiDenseStage::default()
             },
@@ -51,9 +53,10 @@ impl Options {
                 join: false,
                 ..LandmarkOptions::default()
             },
-            pose_correction: PoseCorrectionOptions {
-                enabled: false,
-                ..PoseCorrectionOptions::default()
+            pose_correction: {
+                let mut options = PoseCorrectionOptions::default();
+                options.enabled = false;
+                options
             },
             carving: CarvingOptions {
                 labels: LabelKind::Votes,

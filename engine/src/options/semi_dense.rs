@@ -6,6 +6,7 @@ use linecarve_lines::depth::semi_dense::{
 
 /// Parameters of depth from neighbouring keyframes.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct SemiDenseStage {
     /// Number of earlier keyframes that may be neighbours.
     pub past: usize,

@@ -41,6 +41,7 @@ pub enum DepthChoice {
 
 /// Which frames become keyframes, beside [`Options::keyframes`](crate::Options::keyframes).
 #[derive(Debug, Clone, Default)]
+#[non_exhaustive]
 pub struct Selection {
     /// Every N-th frame in place of a choice by motion.
     pub every: Option<usize>,
@@ -54,6 +55,7 @@ pub struct Selection {
 
 /// What to reconstruct.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Input {
     /// Folder of a sequence, or a model file.
     pub path: PathBuf,

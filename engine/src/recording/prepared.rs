@@ -124,14 +124,12 @@ impl PreparedRecording {
     /// # Errors
     /// When the sequence cannot be read, or has fewer frames than before.
     pub(crate) fn open(&self) -> Result<Recording, RecordingError> {
-        let open = OpenOptions {
-            calibration: self.calibration.clone(),
-            poses: self.poses.clone(),
-            layout: self.layout.clone(),
-            model: self.model.clone(),
-            video_images: self.video_images.clone(),
-            assumed_focal: None,
-        };
+        let mut open = OpenOptions::default();
+        open.calibration = self.calibration.clone();
+        open.poses = self.poses.clone();
+        open.layout = self.layout.clone();
+        open.model = self.model.clone();
+        open.video_images = self.video_images.clone();
         let mut sequence = Sequence::open(&self.path, &open)?;
         let count = sequence.frames().len();
         if self.keyframes.iter().any(|frame| *frame >= count) {

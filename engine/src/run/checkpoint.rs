@@ -192,7 +192,7 @@ impl Checkpoint {
     ///
     /// # Errors
     /// When `compute` fails, or the file cannot be written.
-    pub fn load_or<T, E>(
+    pub(crate) fn load_or<T, E>(
         checkpoint: Option<&Self>,
         keyframe: usize,
         compute: impl FnOnce() -> Result<T, E>,

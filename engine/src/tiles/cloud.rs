@@ -50,11 +50,9 @@ pub(super) fn plan(
     let center = |view: &ModelView| Point3::from(view.world_from_camera.translation.vector);
     let centers: Vec<Point3<f64>> = views.iter().map(center).collect();
     let coordinates: Vec<[f64; 3]> = centers.iter().map(|center| (*center).into()).collect();
-    let plan = PlanOptions {
-        tiles: split.tiles.unwrap_or(1),
-        halo: split.halo,
-        ..PlanOptions::default()
-    };
+    let mut plan = PlanOptions::default();
+    plan.tiles = split.tiles.unwrap_or(1);
+    plan.halo = split.halo;
     let mut planner = Planner::new(folder, &coordinates, plan)?;
     let mut selector = PointSelector::new(views, options, statistics);
     let file_error = |fault| ProjectError::file(folder)(fault);

@@ -230,12 +230,10 @@ impl SequencePlan {
         let run = self.fuse()?;
         let map = run.map();
         let carver = map.carver();
-        let options = PlanOptions {
-            tiles: self.contents.tiles,
-            halo: self.contents.halo,
-            keeps_neighbors: self.contents.recording.is_of_lines(),
-            ..PlanOptions::default()
-        };
+        let mut options = PlanOptions::default();
+        options.tiles = self.contents.tiles;
+        options.halo = self.contents.halo;
+        options.keeps_neighbors = self.contents.recording.is_of_lines();
         let finish = Finish::text(
             run.recording().origin.into(),
             &run.recording().options,

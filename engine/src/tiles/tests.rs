@@ -39,11 +39,9 @@ fn assert_splits_agree(map: &Map, name: &str, counts: &[usize]) {
     for &tiles in counts {
         let mut splits = Vec::new();
         for seed in SEEDS {
-            let options = PlanOptions {
-                tiles,
-                seed,
-                ..PlanOptions::default()
-            };
+            let mut options = PlanOptions::default();
+            options.tiles = tiles;
+            options.seed = seed;
             let folder = tempfile::tempdir().unwrap();
             let work =
                 linecarve_tiles::plan(folder.path(), carver, &export, &options, String::new())

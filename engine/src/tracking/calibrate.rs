@@ -52,10 +52,8 @@ fn open_with_focal(
     options: &OpenOptions,
     share: f64,
 ) -> Result<Sequence, SequenceError> {
-    let options = OpenOptions {
-        assumed_focal: Some(share),
-        ..options.clone()
-    };
+    let mut options = options.clone();
+    options.assumed_focal = Some(share);
     Sequence::open_without_poses(path, &options)
 }
 

@@ -110,14 +110,12 @@ mod tests {
 
     fn six_frames() -> (tempfile::TempDir, Sequence) {
         let folder = tempfile::tempdir().unwrap();
-        let options = linecarve_synth::SynthOptions {
-            scene: linecarve_synth::SceneKind::Corner,
-            frames: 6,
-            width: 32,
-            height: 24,
-            layout: linecarve_synth::SequenceLayout::SevenScenes,
-            ..linecarve_synth::SynthOptions::default()
-        };
+        let mut options = linecarve_synth::SynthOptions::default();
+        options.scene = linecarve_synth::SceneKind::Corner;
+        options.frames = 6;
+        options.width = 32;
+        options.height = 24;
+        options.layout = linecarve_synth::SequenceLayout::SevenScenes;
         linecarve_synth::write_sequence(&options, folder.path(), &|_, _| {}).unwrap();
         let sequence = Sequence::open(folder.path(), &Default::default()).unwrap();
         (folder, sequence)

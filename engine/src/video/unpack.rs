@@ -36,10 +36,9 @@ pub fn is_video(path: &Path) -> bool {
 
 /// How the folder of [`unpack`] is opened.
 pub fn of_video(options: OpenOptions) -> OpenOptions {
-    OpenOptions {
-        layout: Some("images-and-poses".to_owned()),
-        ..options
-    }
+    let mut options = options;
+    options.layout = Some("images-and-poses".to_owned());
+    options
 }
 
 pub(super) fn is_mp4(start: &[u8]) -> bool {

@@ -206,10 +206,8 @@ fn write_clusters(
     let mut sorted = medians.to_vec();
     sorted.sort_unstable_by(f64::total_cmp);
     let median = sorted.get(sorted.len() / 2).copied().unwrap_or(1.0);
-    let options = ClusterOptions {
-        offset_share,
-        ..ClusterOptions::default()
-    };
+    let mut options = ClusterOptions::default();
+    options.offset_share = offset_share;
     let mut clusterer = SegmentClusterer::new(options, median)?;
     let mut events = Vec::new();
     let start = std::time::Instant::now();

@@ -100,14 +100,12 @@ fn benchmarks(args: &BenchmarksArgs, rendered: &Path) -> anyhow::Result<Vec<Benc
         ("noisy walk", SceneKind::Walk, 14, [480, 360]),
     ] {
         let folder = rendered.join(name);
-        let options = SynthOptions {
-            scene,
-            frames,
-            width,
-            height,
-            noise: DepthNoise::Kinect { strength: 1.0 },
-            ..SynthOptions::default()
-        };
+        let mut options = SynthOptions::default();
+        options.scene = scene;
+        options.frames = frames;
+        options.width = width;
+        options.height = height;
+        options.noise = DepthNoise::Kinect { strength: 1.0 };
         write_sequence(&options, &folder, &|_, _| {})
             .with_context(|| format!("cannot render the {name}"))?;
         all.push(Benchmark {

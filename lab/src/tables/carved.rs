@@ -64,18 +64,15 @@ pub fn carve(
     labels: CellLabels,
     unit: f64,
 ) -> Result<Shape, TransactionError> {
-    let options = CarverOptions {
-        labels: match labels {
-            CellLabels::Votes | CellLabels::VolumeArea => Labels::Votes(Votes::default()),
-            CellLabels::Cut => Labels::Cut(CutOptions::default()),
-        },
-        ..CarverOptions::default()
+    let carver_labels = match labels {
+        CellLabels::Votes | CellLabels::VolumeArea => Labels::Votes(Votes::default()),
+        CellLabels::Cut => Labels::Cut(CutOptions::default()),
     };
     let Some(first) = centers.first() else {
         return Ok(Shape::default());
     };
     let half = HALF_SIDE * unit;
-    let mut carver = Carver::new(options);
+    let mut carver = Carver::new(CarverOptions::with_labels(carver_labels));
     let mut transaction = carver.transaction();
     let mut corners = Vec::new();
     for corner in 0..8 {

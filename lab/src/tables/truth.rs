@@ -257,11 +257,9 @@ pub fn align(
 ) -> Result<(Similarity3<f64>, TruthAlignment), TruthError> {
     let shape = cloud(points.to_vec());
     // Pairs of points without normals slide slowly: far more steps than a mesh needs.
-    let options = IcpOptions {
-        with_scale,
-        max_iterations: 500,
-        ..IcpOptions::default()
-    };
+    let mut options = IcpOptions::default();
+    options.with_scale = with_scale;
+    options.max_iterations = 500;
     let starts = match start {
         Some(start) => vec![start],
         None => vec![

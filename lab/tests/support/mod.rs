@@ -56,13 +56,11 @@ pub(crate) fn data(name: &str) -> PathBuf {
 /// A rendered sequence with its ground truth, in `sequence` below a temporary folder.
 pub(crate) fn small_sequence(frames: u32) -> TempDir {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let options = SynthOptions {
-        scene: SceneKind::Boxes,
-        frames,
-        width: 320,
-        height: 240,
-        ..SynthOptions::default()
-    };
+    let mut options = SynthOptions::default();
+    options.scene = SceneKind::Boxes;
+    options.frames = frames;
+    options.width = 320;
+    options.height = 240;
     write_sequence(&options, &folder.path().join("sequence"), &|_, _| {})
         .expect("a writable folder");
     folder

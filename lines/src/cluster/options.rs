@@ -11,6 +11,7 @@ use thiserror::Error;
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct ClusterOptions {
     /// Largest angle between a segment and its cluster.
     pub maximum_angle_rad: f64,

@@ -10,14 +10,15 @@
 //!
 //! *Differs from He et al., ICPR 2018*: the paper takes the raw depth of the pixel, as [`EdgeDepthOptions::raw`] does.
 
-use super::map::{InverseDepth, InverseDepthMap, UNKNOWN};
 use super::near_side::{BEND_SHARE, JumpLimits, LARGEST_RADIUS, Window, WindowPixel};
 use crate::edges::EdgeChains;
+use crate::inverse_depth::{InverseDepth, InverseDepthMap, UNKNOWN};
 
 /// Options of [`EdgeDepths::compute`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct EdgeDepthOptions {
     /// Radius of the window in which a depth jump is detected, in pixels, at most 4; 0 takes the raw depth of the pixel.
     pub radius_px: usize,

@@ -4,14 +4,13 @@
 //! that fills it. Inverse depth is exactly linear over the image of a plane, and the noise of stereo and structured light is uniform in it.
 
 mod edge_depth;
-mod map;
 mod near_side;
 mod range;
 mod registration;
 pub mod semi_dense;
 mod sensor;
 
+pub use crate::inverse_depth::{InverseDepth, InverseDepthMap};
 pub use edge_depth::{EdgeDepthOptions, EdgeDepths};
-pub use map::{InverseDepth, InverseDepthMap};
 pub use range::{measurable_range, remove_unmeasurable};
 pub use sensor::{DepthSensor, SensorError, SensorNoise};

@@ -1,6 +1,6 @@
 //! The surface at a point of an inverse depth map: one plane, or one of the sides of a step.
 
-use super::map::{InverseDepth, InverseDepthMap, UNKNOWN};
+use crate::inverse_depth::{InverseDepth, InverseDepthMap, UNKNOWN};
 
 /// Rows of a window that is clamped to the image, and the columns of each.
 struct Bounds {

@@ -11,10 +11,10 @@ use nalgebra::Isometry3;
 
 use self::cell::{CellBlock, fill_cell};
 use self::row::{BLOCK, DepthToColor, NearestPixel, ProjectedRow};
-use super::map::{InverseDepth, UNKNOWN};
 use super::sensor::SensorNoise;
 use crate::camera::Camera;
 use crate::image::Plane;
+use crate::inverse_depth::{InverseDepth, UNKNOWN};
 
 /// Input of [`register`].
 pub(super) struct Registration<'a> {

@@ -3,10 +3,10 @@
 use nalgebra::Isometry3;
 use thiserror::Error;
 
-use super::map::{InverseDepth, InverseDepthMap, UNKNOWN};
 use super::registration::{Registration, register};
 use crate::camera::Camera;
 use crate::image::{ImageError, Plane};
+use crate::inverse_depth::{InverseDepth, InverseDepthMap, UNKNOWN};
 
 /// Noise of a disparity sensor (stereo, structured light): constant standard deviation of inverse depth, plus the rounding of stored
 /// depths.

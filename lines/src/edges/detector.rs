@@ -10,6 +10,7 @@ use crate::image::{GradientField, GrayImage, SmoothScratch, smooth_gaussian};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct EdgeOptions {
     /// Least gradient strength |gx| + |gy| of an edge pixel (Sobel response, 0 to 2040). At least 1.
     pub gradient_threshold: u16,

@@ -24,6 +24,7 @@ pub enum DepthModel {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct FitOptions {
     /// L, as a share: length of the initial window, number of consecutive outliers that end a segment, least number of inliers.
     pub window_share: f64,

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, Vector3};
 
 /// Settings of [`PaperClusterer`].
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct PaperClusterOptions {
     /// lambda_alpha.
     pub maximum_angle_rad: f64,

@@ -21,6 +21,7 @@ use crate::image::GrayImage;
 /// S. He, X. Qin, Z. Zhang, M. Jagersand, Incremental 3D Line Segment Extraction from Semi-dense SLAM, ICPR 2018,
 /// section IV-A.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct PaperOptions {
     /// L, as a share.
     pub window_share: f64,

@@ -7,6 +7,7 @@ use thiserror::Error;
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct SampleOptions {
     /// Spacing of the samples in pixels, 1 to 64.
     pub step_px: u32,
@@ -64,6 +65,7 @@ impl SampleOptions {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct RefineOptions {
     /// Largest deviation of a sample from its triangle, in standard deviations; `minimum_distance_px` has priority.
     pub bound_sigmas: f64,

@@ -5,7 +5,7 @@ use nalgebra::Point2;
 use super::options::SampleOptions;
 use super::packed::PackedSamples;
 use super::window::PlaneWindows;
-use crate::depth::InverseDepthMap;
+use crate::inverse_depth::InverseDepthMap;
 
 /// The local surface plane at a pixel.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -190,7 +190,7 @@ impl SurfaceSamples {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::depth::InverseDepth;
+    use crate::inverse_depth::InverseDepth;
 
     fn map(rho: impl Fn(usize, usize) -> Option<f32>) -> InverseDepthMap {
         let mut map = InverseDepthMap::unknown(64, 48).unwrap();

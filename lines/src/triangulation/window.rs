@@ -7,7 +7,7 @@ use wide::f64x4;
 
 use super::options::SampleOptions;
 use super::samples::SurfaceSample;
-use crate::depth::InverseDepthMap;
+use crate::inverse_depth::InverseDepthMap;
 
 /// Columns of a window that are summed together.
 type Columns = f64x4;

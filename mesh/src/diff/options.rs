@@ -94,6 +94,7 @@ impl Check {
 
 /// Options of a comparison.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct DiffOptions {
     /// Maximum distance. Rounding is always tolerated.
     pub tolerance: Tolerance,

@@ -19,6 +19,7 @@ const STAGES: [(f64, f64); 3] = [(0.95, 0.05), (0.9, 0.02), (0.8, 0.01)];
 
 /// Options of a registration.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct IcpOptions {
     /// Whether to estimate the scale.
     pub with_scale: bool,

@@ -20,8 +20,6 @@ mod result;
 mod samples;
 mod statistics;
 
-mod umeyama;
-
 pub use heat_map::{heat_color, heat_colors};
 pub use icp::{IcpOptions, IcpResult, register};
 pub use measure::{EvaluationError, evaluate, evaluate_observed};
@@ -33,5 +31,3 @@ pub use options::{Alignment, EvaluationOptions, EvaluationOptionsError, Region};
 pub use result::{AlignmentSummary, Evaluation, ObservedSummary, ShapeSummary, ThresholdScore};
 pub use samples::{sample_cloud, sample_lines, sample_surface, surface_area};
 pub use statistics::DistanceStatistics;
-
-pub use umeyama::fit_similarity;

@@ -16,6 +16,7 @@ const MAX_PIECES: usize = 100_000_000;
 
 /// Criteria for an observed piece, in units of the poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct ObservedShapeOptions {
     /// Maximum depth that is used.
     pub max_depth: f64,

@@ -4,6 +4,7 @@ use nalgebra::{Point3, Similarity3};
 
 /// Options of an evaluation.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct EvaluationOptions {
     /// Distances for precision, recall and F, in units of the ground truth.
     pub thresholds: Vec<f64>,

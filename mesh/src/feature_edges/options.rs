@@ -8,6 +8,7 @@ const LINE_DISTANCE_FACTOR: f64 = 3.0;
 
 /// Options of the feature edges. Lengths are in units of the mesh.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct FeatureOptions {
     /// Minimum angle between normals at a crease: above 0, at most a straight angle.
     pub crease_angle_rad: f64,

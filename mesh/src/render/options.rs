@@ -22,6 +22,7 @@ pub enum BackFaces {
 
 /// Options of a picture.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct RenderOptions {
     /// Samples per pixel along each side, 1 to 8; 2 gives smooth outlines.
     pub supersampling: u32,

@@ -4,6 +4,7 @@ use crate::feature_edges::{FeatureOptions, FeatureOptionsError};
 
 /// Tolerances of the simplification, and what counts as a feature edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct SimplifyOptions {
     /// Maximum distance between the surfaces, in both directions, at vertices and samples. In units of the mesh.
     pub tolerance: f64,

@@ -120,6 +120,7 @@ pub struct TextureView {
 
 /// Options of [`texture_mesh`](super::texture_mesh).
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct TextureOptions {
     /// Cost of two neighbouring triangles with different views. In the same unit, a view with half the quality of the best
     /// one costs ln 2.

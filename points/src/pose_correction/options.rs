@@ -7,6 +7,7 @@ use crate::options::PointOptionsError;
 /// Options of pose correction. Lengths are in pixels; no option depends on the unit of the poses.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct PoseCorrectionOptions {
     /// Whether poses are corrected.
     pub enabled: bool,

@@ -26,6 +26,7 @@ use image_samples::ImageSamples;
 /// Sample sizes of [`inspect`]. Samples are spread evenly over the sequence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct InspectOptions {
     /// Number of images decoded for brightness, blur and depth coverage.
     pub samples: usize,

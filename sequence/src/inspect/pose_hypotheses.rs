@@ -2,7 +2,7 @@
 
 use nalgebra::Isometry3;
 
-use super::super::calibration::PoseCamera;
+use super::super::pose_convention::PoseCamera;
 use super::super::pose_convention::{CameraAxes, PoseConvention, PoseDirection, QuaternionOrder};
 use crate::Sequence;
 

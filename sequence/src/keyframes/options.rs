@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Options of keyframe selection. A frame is a candidate once any of the thresholds is reached.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[non_exhaustive]
 pub struct KeyframeOptions {
     /// Translation since the last keyframe, as a share of the median scene depth.
     pub translation_share: f64,

@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::camera::{Camera, Distortion};
 use serde::Deserialize;
 
-use super::super::calibration::{
-    CalibratedCamera, Calibration, ImageSize, PoseCamera, RightCamera,
-};
+use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, RightCamera};
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording, image_stem};
+use super::super::pose_convention::PoseCamera;
 use super::super::poses;
 use super::super::text::{TextFile, parse_stamp_ns, shorten};
 use super::super::warning::WarningCounter;

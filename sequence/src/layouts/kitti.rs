@@ -6,8 +6,9 @@ use std::path::Path;
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use super::super::calibration::{CalibratedCamera, Calibration, PoseCamera, RightCamera};
+use super::super::calibration::{CalibratedCamera, Calibration, RightCamera};
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording, image_stem};
+use super::super::pose_convention::PoseCamera;
 use super::super::text::{TextFile, TextLine};
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, poses};

@@ -71,11 +71,9 @@ fn round_trip(
     path: &Path,
 ) -> Sequence {
     write_as_read(sequence, format, path);
-    let options = OpenOptions {
-        poses: Some(path.to_owned()),
-        layout: Some(layout.to_owned()),
-        ..OpenOptions::default()
-    };
+    let mut options = OpenOptions::default();
+    options.poses = Some(path.to_owned());
+    options.layout = Some(layout.to_owned());
     Sequence::open(sequence.folder(), &options).unwrap()
 }
 
@@ -140,10 +138,8 @@ fn transforms_survive_a_round_trip() {
         let folder = folder_with(write);
         let sequence = open(folder.path()).unwrap();
         write_transforms(&folder.path().join("transforms.json"), &sequence).unwrap();
-        let options = OpenOptions {
-            layout: Some("transforms-json".to_owned()),
-            ..OpenOptions::default()
-        };
+        let mut options = OpenOptions::default();
+        options.layout = Some("transforms-json".to_owned());
         let back = Sequence::open(folder.path(), &options).unwrap();
         assert_same(&sequence, &back, sequence.layout());
         let scale = |s: &Sequence| s.depth_calibration().map(|d| d.scale);

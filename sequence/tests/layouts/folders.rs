@@ -172,11 +172,9 @@ fn of_several_models_the_largest_is_read() {
     let small = open(&folder.path().join("sparse/0")).unwrap();
     assert_eq!(small.frames().len(), 1);
     let open_model = |model: &str, layout: Option<&str>| {
-        let options = OpenOptions {
-            model: Some(model.to_owned()),
-            layout: layout.map(str::to_owned),
-            ..OpenOptions::default()
-        };
+        let mut options = OpenOptions::default();
+        options.model = Some(model.to_owned());
+        options.layout = layout.map(str::to_owned);
         Sequence::open(folder.path(), &options)
     };
     for model in ["0", "sparse/0"] {
@@ -275,20 +273,16 @@ fn stray_scanner_is_refused_until_its_video_is_unpacked() {
         "{error}"
     );
     // Nor is confidence taken for colour where there are no poses.
-    let without = OpenOptions {
-        assumed_focal: Some(0.8),
-        ..OpenOptions::default()
-    };
+    let mut without = OpenOptions::default();
+    without.assumed_focal = Some(0.8);
     assert!(Sequence::open_without_poses(root, &without).is_err());
 }
 
 #[test]
 fn nothing_that_looks_like_poses_depth_or_calibration_is_passed_over() {
     let without_poses = |root: &Path| {
-        let options = OpenOptions {
-            assumed_focal: Some(0.8),
-            ..OpenOptions::default()
-        };
+        let mut options = OpenOptions::default();
+        options.assumed_focal = Some(0.8);
         Sequence::open_without_poses(root, &options).unwrap()
     };
     let put = |root: &Path, name: &str, text: &str| {
@@ -362,10 +356,8 @@ fn nothing_that_looks_like_poses_depth_or_calibration_is_passed_over() {
     assert!(said.contains("estimate.txt (poses)"), "{said}");
     assert!(!said.contains("groundtruth"), "{said}");
     // What the user gives counts as read.
-    let options = OpenOptions {
-        poses: Some(folder.path().join("groundtruth.txt")),
-        ..OpenOptions::default()
-    };
+    let mut options = OpenOptions::default();
+    options.poses = Some(folder.path().join("groundtruth.txt"));
     let sequence = Sequence::open(folder.path(), &options).unwrap();
     assert!(
         sequence.unread_files().is_empty(),

@@ -34,13 +34,11 @@ fn every_layout_gives_the_same_sequence() {
         assert_eq!(sequence.load_gray(2).unwrap().width(), 64);
         assert_eq!(sequence.load_color(2).unwrap().dimensions(), (64, 48));
         // Depth is consistent under the poses as read.
-        let facts = inspect(
-            &sequence,
-            &InspectOptions {
-                gaps: vec![3],
-                ..InspectOptions::default()
-            },
-        )
+        let facts = inspect(&sequence, &{
+            let mut options = InspectOptions::default();
+            options.gaps = vec![3];
+            options
+        })
         .unwrap();
         let found = &facts.consistency[0];
         assert!(found.as_read.median_relative < 0.002, "{name}: {found:?}");
@@ -60,13 +58,11 @@ fn inverse_poses_are_reported() {
         std::fs::write(folder.path().join(format!("frame-{i:06}.pose.txt")), text).unwrap();
     }
     let sequence = open(folder.path()).unwrap();
-    let facts = inspect(
-        &sequence,
-        &InspectOptions {
-            gaps: vec![5],
-            ..InspectOptions::default()
-        },
-    )
+    let facts = inspect(&sequence, &{
+        let mut options = InspectOptions::default();
+        options.gaps = vec![5];
+        options
+    })
     .unwrap();
     assert!(
         facts
@@ -86,13 +82,11 @@ fn a_wrong_depth_scale_is_reported() {
     )
     .unwrap();
     let sequence = open(folder.path()).unwrap();
-    let facts = inspect(
-        &sequence,
-        &InspectOptions {
-            gaps: vec![2],
-            ..InspectOptions::default()
-        },
-    )
+    let facts = inspect(&sequence, &{
+        let mut options = InspectOptions::default();
+        options.gaps = vec![2];
+        options
+    })
     .unwrap();
     assert!(
         facts
@@ -153,10 +147,8 @@ fn a_sidecar_moves_poses_of_the_depth_camera_to_the_colour_camera() {
     );
     let elsewhere = folder.path().join("elsewhere.toml");
     std::fs::write(&elsewhere, text).unwrap();
-    let options = OpenOptions {
-        calibration: Some(elsewhere.clone()),
-        ..OpenOptions::default()
-    };
+    let mut options = OpenOptions::default();
+    options.calibration = Some(elsewhere.clone());
     let sequence = Sequence::open(folder.path(), &options).unwrap();
     let offset = poses(1)[0].inverse() * sequence.frames()[0].world_from_camera;
     assert!((offset.translation.vector - nalgebra::Vector3::new(0.03, 0.0, 0.0)).norm() < 1e-9);
@@ -170,10 +162,8 @@ fn a_sidecar_moves_poses_of_the_depth_camera_to_the_colour_camera() {
         message.contains("elsewhere.toml") && message.contains("speed"),
         "{message}"
     );
-    let missing = OpenOptions {
-        calibration: Some(folder.path().join("missing.toml")),
-        ..OpenOptions::default()
-    };
+    let mut missing = OpenOptions::default();
+    missing.calibration = Some(folder.path().join("missing.toml"));
     assert!(
         Sequence::open(folder.path(), &missing)
             .unwrap_err()

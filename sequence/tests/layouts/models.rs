@@ -98,10 +98,8 @@ fn the_layout_can_be_given_and_alternatives_are_named() {
     assert_eq!(sequence.layout(), "colmap");
     assert!(sequence.conventions()[0].contains("could also be read as openmvs"));
     let force = |name: &str| {
-        let options = OpenOptions {
-            layout: Some(name.to_owned()),
-            ..OpenOptions::default()
-        };
+        let mut options = OpenOptions::default();
+        options.layout = Some(name.to_owned());
         Sequence::open(folder.path(), &options)
     };
     assert_eq!(force("openmvs").unwrap().layout(), "openmvs");
@@ -116,10 +114,8 @@ fn the_layout_can_be_given_and_alternatives_are_named() {
 fn with_poses(folder: &Path, file: &str, text: &str) -> Result<Sequence, String> {
     let path = folder.join(file);
     std::fs::write(&path, text).unwrap();
-    let options = OpenOptions {
-        poses: Some(path),
-        ..OpenOptions::default()
-    };
+    let mut options = OpenOptions::default();
+    options.poses = Some(path);
     Sequence::open(folder, &options).map_err(|error| error.to_string())
 }
 
@@ -226,10 +222,8 @@ fn a_folder_of_images_and_a_trajectory_are_enough() {
     )
     .unwrap();
     assert!(open(folder.path()).is_err());
-    let options = OpenOptions {
-        poses: Some(folder.path().join("odd.name")),
-        ..OpenOptions::default()
-    };
+    let mut options = OpenOptions::default();
+    options.poses = Some(folder.path().join("odd.name"));
     let sequence = Sequence::open(folder.path(), &options).unwrap();
     assert_poses(&sequence, "images-and-poses");
     assert!(sequence.load_depth(0).unwrap().is_some());

@@ -230,10 +230,8 @@ fn damaged_trajectories_are_read_or_refused() {
     let images = posed_images(&open(folder.path()).unwrap());
     let path = folder.path().join("brought.txt");
     let read = || {
-        let options = OpenOptions {
-            poses: Some(path.clone()),
-            ..OpenOptions::default()
-        };
+        let mut options = OpenOptions::default();
+        options.poses = Some(path.clone());
         match Sequence::open(folder.path(), &options) {
             Ok(_) => Ok(()),
             Err(error) => Err(error.to_string()),

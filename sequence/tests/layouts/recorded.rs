@@ -29,13 +29,12 @@ fn open(name: &str) -> Sequence {
 }
 
 fn facts(sequence: &Sequence, gaps: &[usize]) -> SequenceFacts {
-    let few = InspectOptions {
-        samples: 2,
-        pairs: 5,
-        gaps: gaps.to_vec(),
-        matched_pairs: 5,
-        registrations: 0,
-    };
+    let mut few = InspectOptions::default();
+    few.samples = 2;
+    few.pairs = 5;
+    few.gaps = gaps.to_vec();
+    few.matched_pairs = 5;
+    few.registrations = 0;
     inspect(sequence, &few).unwrap()
 }
 
@@ -90,10 +89,8 @@ fn each_data_set_is_opened_by_its_layout() {
 fn euroc_accepts_external_poses() {
     let folder = data("euroc-v101");
     let with = |file: &str| {
-        let options = OpenOptions {
-            poses: Some(folder.join(file)),
-            ..OpenOptions::default()
-        };
+        let mut options = OpenOptions::default();
+        options.poses = Some(folder.join(file));
         Sequence::open(&folder, &options).unwrap()
     };
     let sequence = with("cam0_trajectory_tum.txt");
@@ -241,10 +238,8 @@ fn a_pose_list_needs_intrinsics() {
         "[color]\nfx = 518.0\nfy = 519.0\ncx = 325.5\ncy = 253.5\n",
     )
     .unwrap();
-    let options = OpenOptions {
-        calibration: Some(sidecar.path().to_owned()),
-        ..OpenOptions::default()
-    };
+    let mut options = OpenOptions::default();
+    options.calibration = Some(sidecar.path().to_owned());
     let sequence = Sequence::open(&folder, &options).unwrap();
     assert_eq!(
         (sequence.layout(), sequence.frames().len()),
@@ -257,11 +252,9 @@ fn a_pose_list_needs_intrinsics() {
 }
 
 fn chosen(sequence: &Sequence, options: &KeyframeOptions) -> Vec<usize> {
-    let few = InspectOptions {
-        samples: 9,
-        gaps: Vec::new(),
-        ..InspectOptions::default()
-    };
+    let mut few = InspectOptions::default();
+    few.samples = 9;
+    few.gaps = Vec::new();
     let facts = inspect(sequence, &few).unwrap();
     let [_, median_depth, _] = facts.depth.unwrap().percentiles.unwrap();
     let mut last = 0;
@@ -319,12 +312,10 @@ fn livingroom_joins_images_and_poses_by_number() {
 fn fixed_motion_gives_the_known_keyframes() {
     for (name, expected) in [("seven-scenes", 48), ("livingroom-synthetic", 18)] {
         let sequence = open(name);
-        let metric = KeyframeOptions {
-            translation: Some(0.15),
-            rotation_degrees: 10.0,
-            sharpness_window: 1,
-            ..KeyframeOptions::default()
-        };
+        let mut metric = KeyframeOptions::default();
+        metric.translation = Some(0.15);
+        metric.rotation_degrees = 10.0;
+        metric.sharpness_window = 1;
         assert_eq!(chosen(&sequence, &metric).len(), expected, "{name}");
     }
 }
@@ -335,10 +326,8 @@ fn default_keyframe_options_give_a_similar_number() {
     for (name, expected) in [("seven-scenes", 48), ("livingroom-synthetic", 18)] {
         let sequence = open(name);
         for sharpness_window in [1, 3] {
-            let options = KeyframeOptions {
-                sharpness_window,
-                ..KeyframeOptions::default()
-            };
+            let mut options = KeyframeOptions::default();
+            options.sharpness_window = sharpness_window;
             let keyframes = chosen(&sequence, &options);
             let found = keyframes.len();
             assert!(found.abs_diff(expected) * 5 <= expected, "{name}: {found}");
@@ -371,10 +360,8 @@ fn depth_is_consistent_under_the_poses_and_not_under_their_inverse() {
     }
     {
         let sequence = open("livingroom-synthetic");
-        let options = InspectOptions {
-            gaps: vec![1, 7],
-            ..InspectOptions::default()
-        };
+        let mut options = InspectOptions::default();
+        options.gaps = vec![1, 7];
         let facts = inspect(&sequence, &options).unwrap();
         assert!((0.002..0.005).contains(&facts.consistency[1].as_read.median_difference));
         assert!(facts.warnings.is_empty(), "{:?}", facts.warnings);
@@ -385,11 +372,9 @@ fn depth_is_consistent_under_the_poses_and_not_under_their_inverse() {
 #[test]
 #[ignore = "needs LINECARVE_DATA"]
 fn depth_that_is_not_registered_is_reported() {
-    let options = InspectOptions {
-        samples: 1,
-        pairs: 1,
-        ..InspectOptions::default()
-    };
+    let mut options = InspectOptions::default();
+    options.samples = 1;
+    options.pairs = 1;
     for (name, is_right) in [
         ("seven-scenes", true),
         ("livingroom-synthetic", true),
@@ -398,13 +383,11 @@ fn depth_that_is_not_registered_is_reported() {
         let folder = data(name);
         let taken_as_registered = tempfile::NamedTempFile::new().unwrap();
         let calibration = (!is_right).then(|| taken_as_registered.path().to_owned());
-        let sequence = Sequence::open(
-            &folder,
-            &OpenOptions {
-                calibration,
-                ..OpenOptions::default()
-            },
-        )
+        let sequence = Sequence::open(&folder, &{
+            let mut options = OpenOptions::default();
+            options.calibration = calibration;
+            options
+        })
         .unwrap();
         let facts = inspect(&sequence, &options).unwrap();
         let is_reported = facts

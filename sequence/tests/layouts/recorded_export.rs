@@ -36,10 +36,8 @@ fn recorded_trajectories_survive_a_round_trip_in_every_format() {
         ("sceaux-castle", None, "images-and-poses"),
     ] {
         let source = data(name);
-        let options = OpenOptions {
-            poses: poses.map(|file| source.join(file)),
-            ..OpenOptions::default()
-        };
+        let mut options = OpenOptions::default();
+        options.poses = poses.map(|file| source.join(file));
         let sequence = Sequence::open(&source, &options).unwrap();
         let calibration = folder.path().join("calibration.toml");
         let text = match name {
@@ -66,12 +64,10 @@ fn recorded_trajectories_survive_a_round_trip_in_every_format() {
             TrajectoryFormat::Open3dLog,
         ] {
             write_as_read(&sequence, format, &path);
-            let options = OpenOptions {
-                poses: Some(path.clone()),
-                layout: Some(taking.to_owned()),
-                calibration: Some(calibration.clone()),
-                ..OpenOptions::default()
-            };
+            let mut options = OpenOptions::default();
+            options.poses = Some(path.clone());
+            options.layout = Some(taking.to_owned());
+            options.calibration = Some(calibration.clone());
             let back = Sequence::open(&source, &options).unwrap();
             assert_same(&sequence, &back, &format!("{name}, {format:?}"));
         }

@@ -174,10 +174,8 @@ fn one_folder_of_images_may_have_any_name() {
     rename("color", "holiday pictures");
     assert_eq!(open(folder.path()).unwrap().frames().len(), FRAMES);
     rename("pose.txt", "odd.name");
-    let options = OpenOptions {
-        poses: Some(folder.path().join("odd.name")),
-        ..OpenOptions::default()
-    };
+    let mut options = OpenOptions::default();
+    options.poses = Some(folder.path().join("odd.name"));
     let sequence = Sequence::open(folder.path(), &options).unwrap();
     assert!(sequence.load_depth(0).unwrap().is_some());
     let unposed = Sequence::open_without_poses(folder.path(), &OpenOptions::default()).unwrap();

@@ -151,10 +151,8 @@ fn trajectories_of_other_tools_are_read() {
             writeln!(text, "{}", line(at, pose)).unwrap();
         }
         std::fs::write(&path, text).unwrap();
-        let options = OpenOptions {
-            poses: Some(path),
-            ..OpenOptions::default()
-        };
+        let mut options = OpenOptions::default();
+        options.poses = Some(path);
         let sequence = Sequence::open(folder.path(), &options)
             .unwrap_or_else(|error| panic!("{name}: {error}"));
         assert_eq!(sequence.frames().len(), FRAMES, "{name}");

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use linecarve_carving::{Carver, CarverOptions, CellId, ExportOptions, Tetrahedralization};
+use linecarve_carving::{
+    Carver, CarverOptions, CellId, ExportOptions, Labels, Tetrahedralization, Votes,
+};
 use nalgebra::Point3;
 use proptest::prelude::*;
 
@@ -37,7 +39,8 @@ fn cells_where(
 
 /// Plans tiles of these points, finds their cells, and compares those around each tile's own points with the cells of the whole.
 fn assert_cells_are_those_of_the_whole(points: &[[f64; 3]], seed: u64) {
-    let mut carver = Carver::deferred(CarverOptions::default());
+    let votes = Labels::Votes(Votes::default());
+    let mut carver = Carver::deferred(CarverOptions::with_labels(votes));
     let mut change = carver.transaction();
     for point in points {
         change.add_point(Point3::from(*point)).unwrap();

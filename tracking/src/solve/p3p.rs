@@ -1,6 +1,6 @@
 //! Camera poses from three points.
 
-use linecarve_mesh::evaluate::fit_similarity;
+use linecarve_lines::fit_similarity;
 use nalgebra::{Isometry3, Matrix4, Point3, Unit, Vector3};
 
 /// Largest imaginary part of a root, relative to its magnitude, that counts as rounding.

@@ -5,7 +5,6 @@
 
 use nalgebra::Point3;
 
-use crate::labels::Labels;
 use crate::tetrahedralization::{CellId, Location, Tetrahedralization, VertexId};
 
 use super::super::Softness;
@@ -43,13 +42,11 @@ pub struct RayTracer {
 }
 
 impl RayTracer {
-    /// A tracer of rays for these labels.
-    pub fn new(labels: &Labels) -> Self {
+    /// A tracer of rays for soft visibility; without it rays only add their weight to the cells that they cross.
+    #[cfg(feature = "internals")]
+    pub(crate) fn new(softness: Option<Softness>) -> Self {
         Self {
-            softness: match labels {
-                Labels::Votes(_) => None,
-                Labels::Cut(options) => Some(options.softness()),
-            },
+            softness,
             scratch: WalkScratch::default(),
         }
     }

@@ -1,6 +1,6 @@
 //! A carving that several tests look at.
 
-use linecarve_carving::{Carver, CarverOptions, Hull, PointId};
+use linecarve_carving::{Carver, CarverOptions, Hull, Labels, PointId, Votes};
 use nalgebra::Point3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -8,10 +8,7 @@ use rand_chacha::ChaCha8Rng;
 /// Free points in a cube, seen by several views: a carving with caves and bridges.
 pub(crate) fn random_carving(seed: u64, hull: Hull) -> Carver {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    let mut carver = Carver::new(CarverOptions {
-        hull,
-        ..Default::default()
-    });
+    let mut carver = Carver::new(CarverOptions::new(Labels::Votes(Votes::default()), hull));
     let mut transaction = carver.transaction();
     let grid = seed.is_multiple_of(2);
     let points: Vec<PointId> = (0..80)

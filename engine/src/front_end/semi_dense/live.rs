@@ -13,7 +13,10 @@ impl SemiDenseFrontEnd {
     ///
     /// # Errors
     /// When an option is out of range.
-    pub fn live(source: &SemiDenseSource, options: ExtractOptions) -> Result<Self, ExtractError> {
+    pub(crate) fn live(
+        source: &SemiDenseSource,
+        options: ExtractOptions,
+    ) -> Result<Self, ExtractError> {
         Self::new(source, 0, options, None, true)
     }
 
@@ -21,7 +24,11 @@ impl SemiDenseFrontEnd {
     ///
     /// # Errors
     /// When its image cannot be read or matched; the frame is then not a keyframe.
-    pub fn push(&mut self, sequence: &Sequence, frame: usize) -> Result<Arrivals, FrontEndError> {
+    pub(crate) fn push(
+        &mut self,
+        sequence: &Sequence,
+        frame: usize,
+    ) -> Result<Arrivals, FrontEndError> {
         let mut detector = self.detector.clone();
         let (entry, geometry) = self.read(sequence, frame, self.next_number(), &mut detector);
         let step = self.push_loaded((entry, Ok(geometry?)));
@@ -29,7 +36,7 @@ impl SemiDenseFrontEnd {
     }
 
     /// Returns the final estimates of all remaining keyframes.
-    pub fn finish(&mut self) -> Arrivals {
+    pub(crate) fn finish(&mut self) -> Arrivals {
         let remaining_tasks = self.remaining_tasks();
         self.estimate_all(vec![remaining_tasks])
     }
@@ -39,7 +46,7 @@ impl SemiDenseFrontEnd {
     ///
     /// # Errors
     /// When a pose is not finite; other poses may have been replaced by then.
-    pub fn set_poses(
+    pub(crate) fn set_poses(
         &mut self,
         mut pose_of: impl FnMut(usize) -> Option<Isometry3<f64>>,
     ) -> Result<(), FrontEndError> {

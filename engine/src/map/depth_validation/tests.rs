@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use linecarve_carving::{Carver, PointId};
+use linecarve_carving::{Carver, CarverOptions, Labels, PointId, Votes};
 use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
 use linecarve_lines::triangulation::SampleOptions;
 use nalgebra::Vector3;
@@ -34,7 +34,8 @@ fn depth(step: usize) -> SurfaceSamples {
 impl Room {
     fn new() -> Self {
         let camera = Camera::pinhole(100.0, 100.0, 79.5, 59.5).unwrap();
-        let mut carver = Carver::default();
+        let votes = Labels::Votes(Votes::default());
+        let mut carver = Carver::new(CarverOptions::with_labels(votes));
         let mut transaction = carver.transaction();
         let mut positions = Vec::new();
         for (i, j) in (-4..=4).flat_map(|i| (-3..=3).map(move |j| (i, j))) {

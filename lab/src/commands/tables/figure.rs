@@ -173,12 +173,10 @@ fn cloud_of(run: &MethodRun) -> LineSet {
 
 fn draw(lines: &LineSet, view: &View, width_px: f64) -> anyhow::Result<RgbImage> {
     let nothing = TriangleMesh::default();
-    let options = RenderOptions {
-        line_width_px: width_px,
-        line_color: [24, 40, 72],
-        background: Background::Plain([255; 3]),
-        ..RenderOptions::default()
-    };
+    let mut options = RenderOptions::default();
+    options.line_width_px = width_px;
+    options.line_color = [24, 40, 72];
+    options.background = Background::Plain([255; 3]);
     let lines = (!lines.lines.is_empty()).then_some(lines);
     Ok(Renderer::new(&nothing).draw(lines, view, &options, &|_, _| {})?)
 }

@@ -147,14 +147,10 @@ pub(super) fn corrected(
     results: &mut Results,
     verbosity: Verbosity,
 ) -> anyhow::Result<Recording> {
-    let every_frame = Input {
-        selection: Selection {
-            every: Some(1),
-            ..Selection::default()
-        },
-        depth: DepthChoice::Sensor,
-        ..input
-    };
+    let mut every_frame = input;
+    every_frame.selection = Selection::default();
+    every_frame.selection.every = Some(1);
+    every_frame.depth = DepthChoice::Sensor;
     let mut corrected = Recording::open(&every_frame, recording.options.clone())?;
     corrected.keyframes.clone_from(&results.frames);
     if corrected.options.pose_correction.enabled {

@@ -24,10 +24,8 @@ pub(super) fn score_all(
         .iter()
         .map(|&frame| Point3::from(poses[frame].world_from_camera.translation.vector))
         .collect();
-    let options = EvaluationOptions {
-        alignment: Alignment::Given(*truth_from_poses),
-        ..EvaluationOptions::default()
-    };
+    let mut options = EvaluationOptions::default();
+    options.alignment = Alignment::Given(*truth_from_poses);
     let methods = [Method::Paper, Method::EdgeAided].map(|method| method.to_string());
     let mut rows = Vec::new();
     for run in runs.iter().filter(|run| methods.contains(&run.name)) {

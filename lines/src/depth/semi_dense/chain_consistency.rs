@@ -4,8 +4,8 @@
 //! across it.
 
 use super::options::SemiDenseOptions;
-use crate::depth::map::{InverseDepth, UNKNOWN};
 use crate::edges::EdgeChains;
+use crate::inverse_depth::{InverseDepth, UNKNOWN};
 
 /// Checks, smooths and fills the depths of all chain pixels; `samples` and `pose_sigmas` are parallel to [`EdgeChains::pixels`].
 ///

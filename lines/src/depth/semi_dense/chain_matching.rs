@@ -5,7 +5,7 @@ use super::matcher::{Matcher, SearchRequest};
 use super::neighbour_pair::{NeighbourPair, pose_sigma_px};
 use super::options::{InverseDepthRange, SemiDenseOptions};
 use super::view::MatchView;
-use crate::depth::map::{InverseDepth, UNKNOWN};
+use crate::inverse_depth::{InverseDepth, UNKNOWN};
 
 /// Largest relative change of inverse depth per pixel along an edge of one surface: 0.01 corresponds to a grazing angle of 10 degrees
 /// at a focal length of 500 pixels.

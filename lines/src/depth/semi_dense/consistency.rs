@@ -4,7 +4,7 @@ use nalgebra::UnitQuaternion;
 
 use super::pair_geometry::PairGeometry;
 use super::view::MatchView;
-use crate::depth::map::{InverseDepth, InverseDepthMap};
+use crate::inverse_depth::{InverseDepth, InverseDepthMap};
 
 /// Another keyframe with its depth map.
 #[derive(Debug, Clone, Copy)]
@@ -21,6 +21,7 @@ pub struct DepthView<'a> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct ConsistencyOptions {
     /// Largest chi-squared `d^2 / (sigma_a^2 + sigma_b^2)` of two agreeing inverse depths.
     pub chi2: f64,

@@ -9,8 +9,8 @@ use super::neighbour_pair::NeighbourPair;
 use super::options::{InverseDepthRange, SemiDenseOptions, SemiDenseOptionsError};
 use super::pair_calibration::calibrate_pairs;
 use super::view::{MatchView, gradient};
-use crate::depth::map::{InverseDepth, InverseDepthMap};
 use crate::image::ImageError;
+use crate::inverse_depth::{InverseDepth, InverseDepthMap};
 
 /// Estimates the inverse depth of the edge pixels of a keyframe from posed neighbours.
 ///

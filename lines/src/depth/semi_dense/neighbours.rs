@@ -21,6 +21,7 @@ pub struct ViewGeometry {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct NeighbourOptions {
     /// Largest number of neighbours.
     pub count: usize,

@@ -5,7 +5,7 @@ use nalgebra::Point2;
 use super::super::view::MatchView;
 use super::field::Grid;
 use super::plane::PixelPlane;
-use crate::depth::map::InverseDepthMap;
+use crate::inverse_depth::InverseDepthMap;
 use crate::triangulation::{ImageTriangulation, ImageVertex, SurfaceSamples};
 
 /// Spacing of vertices along an edge chain.

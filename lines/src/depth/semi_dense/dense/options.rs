@@ -7,6 +7,7 @@ use crate::depth::semi_dense::SemiDenseOptionsError;
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
+#[non_exhaustive]
 pub struct DenseOptions {
     /// Largest number of neighbours, best first; at most 16 are used.
     pub neighbours: usize,

@@ -35,7 +35,7 @@ pub struct InverseDepthMap {
 }
 
 /// Marks an unknown pixel inside the map.
-pub(super) const UNKNOWN: InverseDepth = InverseDepth {
+pub(crate) const UNKNOWN: InverseDepth = InverseDepth {
     rho: 0.0,
     sigma: 0.0,
 };
@@ -56,7 +56,7 @@ impl InverseDepthMap {
     }
 
     /// A map of samples, row by row: measurements or [`UNKNOWN`].
-    pub(super) fn new(
+    pub(crate) fn new(
         width: usize,
         height: usize,
         samples: Vec<InverseDepth>,

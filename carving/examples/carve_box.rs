@@ -9,11 +9,7 @@ use nalgebra::Point3;
 
 fn main() -> Result<(), Box<dyn Error>> {
     // The walls of the box lie on the convex hull of its corners: keep the surface there.
-    let options = CarverOptions {
-        hull: Hull::Keep,
-        ..CarverOptions::default()
-    };
-    let mut carver = Carver::new(options);
+    let mut carver = Carver::new(CarverOptions::with_hull(Hull::Keep));
     let mut keyframe = carver.transaction();
     let view = keyframe.add_view(Point3::new(0.5, 0.4, 0.45))?;
     for corner in 0..8 {
