@@ -4,12 +4,14 @@ mod cloud;
 mod error;
 mod median;
 mod project;
+mod selection;
 mod sequence;
 mod slurm;
 mod spill;
 mod task;
 #[cfg(test)]
 mod tests;
+mod whole;
 
 use std::path::{Path, PathBuf};
 
@@ -25,6 +27,7 @@ pub use project::{Project, carry_out_all};
 pub use sequence::{KEYFRAMES_OF_TASK, SequencePlan};
 pub use slurm::slurm_script;
 pub use task::{Task, TaskStage};
+pub use whole::{PointMesh, mesh_points};
 
 use crate::map::{Map, close_all_holes};
 use crate::options::{HoleFilling, Options};

@@ -44,6 +44,8 @@ pub(crate) enum Command {
     Ablation(AblationArgs),
     /// Time, memory and F of the reconstruction beside those of rivals.
     Benchmarks(BenchmarksArgs),
+    /// Meshes of dense clouds beside those of other programs: F, vertices, time and peak memory.
+    Race(RaceArgs),
     /// Time of a keyframe by stage as the map grows.
     Cost(CostArgs),
     /// Depth from images alone beside the depth images, by how much texture there is.
@@ -335,6 +337,21 @@ pub(crate) struct BenchmarksArgs {
     /// Also write the table between the markers of this file.
     #[arg(long, value_name = "README.md")]
     pub(crate) readme: Option<PathBuf>,
+
+    /// Where the table goes.
+    #[command(flatten)]
+    pub(crate) output: OutputArgs,
+}
+
+/// Arguments of `race`.
+#[derive(Debug, Args)]
+pub(crate) struct RaceArgs {
+    /// TOML file of clouds and rivals, see lab/notes/commands.md.
+    pub(crate) races: PathBuf,
+
+    /// The program `linecarve`; default: the one beside this program.
+    #[arg(long, value_name = "PROGRAM")]
+    pub(crate) program: Option<PathBuf>,
 
     /// Where the table goes.
     #[command(flatten)]

@@ -65,6 +65,9 @@ def reconstruct(path: str | PathLike[str], out: str | PathLike[str] | None = Non
     Raises `Error` for bad input or an interrupted run, `EmptyMeshError` without a surface, `ValueError` for unknown options.
     """
 
+def mesh(arguments: list[str]) -> None:
+    """Runs `linecarve mesh` with these arguments; see `delaunay_meshing`."""
+
 class Carver:
     """Free space carved by rays in an exact Delaunay tetrahedralisation, and the surface around it.
 

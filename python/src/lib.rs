@@ -3,6 +3,7 @@
 mod arrays;
 mod carver;
 mod mesh;
+mod meshing;
 mod reconstruct;
 
 use clap::Parser;
@@ -62,5 +63,6 @@ fn _linecarve(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<carver::Transaction>()?;
     module.add_class::<carver::Commit>()?;
     module.add_function(wrap_pyfunction!(reconstruct::reconstruct, module)?)?;
+    module.add_function(wrap_pyfunction!(meshing::mesh, module)?)?;
     module.add_function(wrap_pyfunction!(main, module)?)
 }

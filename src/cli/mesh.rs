@@ -18,6 +18,10 @@ pub struct MeshArgs {
     #[arg(long, short = 'o', value_name = "FILE")]
     pub out: PathBuf,
 
+    /// Make a watertight mesh: nothing is left out because no view saw it.
+    #[arg(long)]
+    pub closed: bool,
+
     /// How tetrahedra are labelled; default: what the configuration says, a minimum cut when it says nothing.
     #[arg(long, value_enum)]
     pub labels: Option<LabelChoice>,

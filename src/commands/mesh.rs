@@ -10,13 +10,11 @@ use crate::commands::heat_map::origin_of;
 use crate::progress::Verbosity;
 use crate::sinks::{surface_part, write_part};
 use crate::standard_error::say;
-use linecarve_engine::Recording;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
-use linecarve_engine::run::CancelToken;
 use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, ProjectError, Split, Task};
-use linecarve_engine::tiles::{Project, carry_out_all, plan, write_mesh};
-use linecarve_engine::{Input, Reconstruction, RunOptions, Source};
+use linecarve_engine::tiles::{PointMesh, Project, carry_out_all, mesh_points, plan, write_mesh};
+use linecarve_engine::{Input, Source};
 use linecarve_mesh::{GltfFrame, TriangleMesh, read_geometry};
 use linecarve_sequence::DenseCloud;
 
@@ -30,7 +28,7 @@ const CLOUDS: [&str; 4] = [
     "scene_dense.mvs",
 ];
 /// Memory that a point of a dense cloud takes in one process, in bytes; measured on a city of a million points.
-const BYTES_OF_POINT: u64 = 2600;
+const BYTES_OF_POINT: u64 = 1300;
 
 pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let format = format_of("--out", &args.out)?;
@@ -46,20 +44,34 @@ pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outco
             say!("{name}: {became}");
         }
     }
-    let mesh = match is_too_large(&input)? {
+    // Tiles know nothing of the space outside all points.
+    let too_large = match args.closed {
+        true => None,
+        false => is_too_large(&input)?,
+    };
+    let (mesh, left_out) = match too_large {
         Some(points) => {
             if verbosity > Verbosity::Quiet {
                 say!("{points} points do not fit into the memory that is free: carving in tiles");
             }
-            in_tiles(&input, options, &args.out)?
+            (in_tiles(&input, options, &args.out)?, None)
         }
-        None => at_once(&input, options, verbosity)?,
+        None => {
+            let made = at_once(&input, options, args.closed, &args.out)?;
+            (made.mesh, made.counts.left_out())
+        }
     };
     if mesh.triangles.is_empty() {
+        let why = left_out.unwrap_or_else(|| {
+            "its points enclose no occupied space that a ray has left".to_owned()
+        });
         return Ok(Outcome::Negative(format!(
-            "{}: the mesh is empty: its points enclose no occupied space that a ray has left",
+            "{}: the mesh is empty: {why}",
             input.display()
         )));
+    }
+    if let Some(left_out) = left_out.filter(|_| verbosity > Verbosity::Quiet) {
+        say!("{left_out}");
     }
     let frame = GltfFrame::from(&origin_of(&mesh.positions));
     write_part(&args.out, surface_part(&mesh), format, &frame)?;
@@ -87,29 +99,35 @@ fn source(input: &Path, verbosity: Verbosity) -> Input {
     options
 }
 
-/// Carves all points in this process.
-fn at_once(input: &Path, options: Options, verbosity: Verbosity) -> anyhow::Result<TriangleMesh> {
-    let recording = Recording::open(&source(input, verbosity), options)?;
-    if recording.model.is_none() {
+/// The folder of a file.
+fn folder_of(file: &Path) -> &Path {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+/// Carves all points in this process, with temporary files beside the mesh.
+fn at_once(
+    input: &Path,
+    options: Options,
+    is_closed: bool,
+    out: &Path,
+) -> anyhow::Result<PointMesh> {
+    let source = source(input, Verbosity::Quiet);
+    let Some(made) = mesh_points(&source, options, is_closed, folder_of(out))? else {
         bail!(
             "{}: no points with views: give the workspace of `colmap stereo_fusion`, its fused.ply (with fused.ply.vis beside it), a \
              sparse model, or a scene of OpenMVS; `linecarve reconstruct` makes surfaces from images",
             input.display()
         );
-    }
-    let mut run = RunOptions::default();
-    run.is_at_once = true;
-    let mut reconstruction = Reconstruction::new(recording, run)?;
-    reconstruction.run(CancelToken::default(), &mut [])?;
-    Ok(reconstruction.surface())
+    };
+    Ok(made)
 }
 
 /// Carves the points in tiles, in a folder beside the mesh that is removed afterwards.
 fn in_tiles(input: &Path, options: Options, out: &Path) -> anyhow::Result<TriangleMesh> {
-    let beside = match out.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
+    let beside = folder_of(out);
     let work = tempfile::Builder::new()
         .prefix(".linecarve-mesh")
         .tempdir_in(beside)
@@ -252,7 +270,9 @@ mod tests {
         let input = cloud_of(&city);
         let out = folder.path().join("mesh.ply");
         let tiled = in_tiles(&input, Options::default(), &out).unwrap();
-        let whole = at_once(&input, Options::default(), Verbosity::Quiet).unwrap();
+        let whole = at_once(&input, Options::default(), false, &out)
+            .unwrap()
+            .mesh;
         assert!(whole.triangles.len() > 1000);
         assert_eq!(tiled.triangles, whole.triangles);
         // Files have single precision.
@@ -263,6 +283,7 @@ mod tests {
                 .collect()
         };
         assert_eq!(single(&tiled), single(&whole));
+        assert_eq!(tiled.colors, whole.colors);
         // Nothing is left beside the mesh.
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }

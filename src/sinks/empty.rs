@@ -111,34 +111,5 @@ fn without_model(run: &Reconstruction) -> String {
 
 /// Says which points of a model are not carved, `None` when all are, or when there is no model.
 pub(crate) fn model_left_out(map: &Map) -> Option<String> {
-    let (model, counts) = map.model()?;
-    let reasons = [
-        (counts.not_finite, "not finite"),
-        (counts.too_few_views, "seen by too few views"),
-        (
-            counts.too_little_parallax,
-            "seen from nearly the same direction only",
-        ),
-    ];
-    let parts: Vec<String> = reasons
-        .iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, reason)| format!("{count} {reason}"))
-        .collect();
-    let observations = match counts.wrong_observations {
-        0 => String::new(),
-        count => format!("{count} observations project elsewhere"),
-    };
-    (!parts.is_empty() || !observations.is_empty()).then(|| {
-        let total = model.points.len();
-        let out = total - counts.carved;
-        match (parts.is_empty(), observations.is_empty()) {
-            (true, _) => observations,
-            (false, true) => format!("{out} of {total} points are left out: {}", parts.join(", ")),
-            (false, false) => format!(
-                "{out} of {total} points are left out: {}; {observations}",
-                parts.join(", ")
-            ),
-        }
-    })
+    map.model()?.1.left_out()
 }

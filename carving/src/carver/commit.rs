@@ -10,7 +10,7 @@ use super::error::TransactionError;
 use super::points::{NO_VERTEX, Points};
 use super::transaction::{PendingChange, Plan, PlannedRays, Transaction};
 use super::{Carver, Labeling};
-use crate::surface::SurfaceDelta;
+use crate::surface::{Hull, SurfaceDelta};
 use crate::tetrahedralization::{
     CellId, Changes, Edit, Insertion, Move, Tetrahedralization, VertexId, spatial_order,
 };
@@ -273,11 +273,15 @@ impl Carver {
             flipped.extend(cut.flipped());
         }
         let (tetrahedra, cells, labels) = (&self.tetrahedra, &self.cells, &self.labels);
+        let hull = self.facets.hull();
         self.facets.update(
             tetrahedra,
             &changes,
             &flipped,
-            |cell| !tetrahedra.is_ghost(cell) && labels.is_free(cell, cells),
+            |cell| match tetrahedra.is_ghost(cell) {
+                true => hull == Hull::Free,
+                false => labels.is_free(cell, cells),
+            },
             &mut report.surface,
         );
         flipped.clear();

@@ -14,9 +14,9 @@ use super::commit::{CommitReport, enter_ends, enter_support, sorted};
 use super::transaction::{PendingChange, Plan};
 use super::{Carver, CarverOptions, Labeling};
 use crate::labels::Cut;
-use crate::surface::Facets;
+use crate::surface::{Facets, Hull};
 use crate::tetrahedralization::{Changes, Insertion, Tetrahedralization};
-use crate::visibility::ObservationId;
+use crate::visibility::{ObservationId, Samples, Viewpoint};
 
 impl Carver {
     /// An empty carver whose cells, labels and surface are made by [`carve`](Self::carve) and by nothing else. Transactions change
@@ -47,22 +47,110 @@ impl Carver {
         if !self.is_deferred {
             return report;
         }
+        let changes = self.make_cells(&mut report);
+        self.begin_cells(&changes);
+        self.walk_all(&mut report);
+        self.update_surface(changes, false, &mut report);
+        self.changes = Changes::default();
+        report
+    }
+
+    /// [Carves](Self::carve) and forgets all observations and samples, to need less memory. Cells, labels and surface stay until the next
+    /// call; the report lists no triangles. Does nothing in carvers that are not [deferred](Self::deferred).
+    ///
+    /// # Complexity
+    ///
+    /// As [`carve`](Self::carve).
+    pub fn carve_and_forget(&mut self) -> CommitReport {
+        self.carve_last(|carver| carver.facets.hull())
+    }
+
+    /// As [`carve_and_forget`](Self::carve_and_forget), with a closed surface: where most rays come from outside the hull, that of the
+    /// occupied cells ([`Hull::Free`]); otherwise that of the free cells ([`Hull::Keep`]).
+    pub fn carve_closed(&mut self) -> CommitReport {
+        self.carve_last(
+            |carver| match 2 * carver.outside_rays() > carver.ray_count() {
+                true => Hull::Free,
+                false => Hull::Keep,
+            },
+        )
+    }
+
+    /// Number of rays that begin outside the hull.
+    fn outside_rays(&self) -> usize {
+        let is_outside = |view: &u32| matches!(self.views.viewpoint(*view), Viewpoint::Outside(_));
+        let table = self.rays.table();
+        let views = self.views.ids().filter(is_outside);
+        views.map(|view| table.of_view(view).count()).sum()
+    }
+
+    /// Carves and forgets; `hull` chooses what happens at the hull, once the rays have been walked.
+    fn carve_last(&mut self, hull: impl FnOnce(&Self) -> Hull) -> CommitReport {
+        let mut report = CommitReport::default();
+        if !self.is_deferred {
+            return report;
+        }
+        let changes = self.make_cells(&mut report);
+        self.begin_cells(&changes);
+        drop(changes);
+        self.walk_all(&mut report);
+        let start = Instant::now();
+        let hull = hull(self);
+        self.rays.forget();
+        self.samples = Samples::new(self.cells.evidence.is_on());
+        if let Labeling::Cut(cut) = &mut self.labels {
+            self.cells.forget_weights();
+            cut.solve_once(&self.tetrahedra, &mut self.cells.evidence);
+        }
+        let (tetrahedra, cells, labels) = (&self.tetrahedra, &self.cells, &self.labels);
+        self.facets = Facets::new(hull);
+        self.facets
+            .fill(tetrahedra, |cell| match tetrahedra.is_ghost(cell) {
+                true => hull == Hull::Free,
+                false => labels.is_free(cell, cells),
+            });
+        if let Labeling::Cut(cut) = &mut self.labels {
+            **cut = Cut::new(cut.options());
+        }
+        report.times.surface += start.elapsed();
+        report
+    }
+
+    /// Chooses what happens at the hull, before a [deferred](Self::deferred) carver carves; does nothing in others.
+    pub fn set_hull(&mut self, hull: Hull) {
+        if self.is_deferred {
+            self.facets = Facets::new(hull);
+        }
+    }
+
+    /// Makes the cells of all points.
+    fn make_cells(&mut self, report: &mut CommitReport) -> Changes {
         let start = Instant::now();
         self.forget_cells();
-        self.insert_points(&mut report);
-        let changes = Changes {
-            created: self.tetrahedra.cells().collect(),
-            ..Changes::default()
-        };
-        report.created_cells = changes.created.len();
+        self.insert_points(report);
+        let mut created = Vec::with_capacity(self.tetrahedra.cells().count());
+        created.extend(self.tetrahedra.cells());
+        report.created_cells = created.len();
         report.times.tetrahedra += start.elapsed();
+        Changes {
+            created,
+            ..Changes::default()
+        }
+    }
 
+    /// Makes room for what observations and samples say of the new cells.
+    fn begin_cells(&mut self, changes: &Changes) {
+        self.cells.begin_update(&self.tetrahedra, changes);
+        self.cells.end_update(changes);
+    }
+
+    /// Walks all rays, and locates all samples.
+    fn walk_all(&mut self, report: &mut CommitReport) {
         let start = Instant::now();
         let table = self.rays.table_mut();
-        let mut rays: Vec<ObservationId> = table.all().collect();
+        let mut rays: Vec<ObservationId> = Vec::with_capacity(table.len());
+        rays.extend(table.all());
         enter_ends(table, &self.points, &rays);
-        self.cells.begin_update(&self.tetrahedra, &changes);
-        self.cells.end_update(&changes);
         self.views.locate_stale(&self.tetrahedra, |_| true);
         self.cells.evidence.list_changes(false);
         let (mut space, ray_visibility) = self.visibility();
@@ -71,9 +159,6 @@ impl Carver {
             .locate(&self.tetrahedra, &mut self.cells.evidence, false);
         self.cells.evidence.list_changes(true);
         report.times.carving += start.elapsed();
-        self.update_surface(changes, false, &mut report);
-        self.changes = Changes::default();
-        report
     }
 
     /// Back to no cells.

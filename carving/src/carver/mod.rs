@@ -229,7 +229,7 @@ impl Carver {
         self.views.ids().map(ViewId)
     }
 
-    /// Whether a cell is free. Ghost cells, the space outside the hull, never are.
+    /// Whether a cell is free. Ghost cells, the space outside the hull, are with [`Hull::Free`] alone.
     ///
     /// # Panics
     ///

@@ -349,6 +349,88 @@ fn assert_carves_alike(rng: &mut ChaCha8Rng, carver: &Carver, space: Space) {
         deferred.carve();
         assert_same_cells(&incremental, &deferred);
     }
+    let kept = deferred.snapshot();
+    let mut closed = deferred.clone();
+    deferred.carve_and_forget();
+    let left = deferred.snapshot();
+    assert_eq!((left.mesh, deferred.ray_count()), (kept.mesh, 0));
+    let labels =
+        |cells: &[CarvedCell]| -> Vec<bool> { cells.iter().map(|it| it.is_free).collect() };
+    assert_eq!(labels(&left.cells), labels(&kept.cells));
+    closed.carve_closed();
+    assert_eq!(labels(&closed.snapshot().cells), labels(&kept.cells));
+    assert_closed(&closed.snapshot().mesh);
+}
+
+/// Each edge has two triangles, in opposite directions, and each vertex one fan.
+fn assert_closed(mesh: &IndexedMesh) {
+    let mut edges = std::collections::BTreeMap::new();
+    for triangle in &mesh.triangles {
+        for k in 0..3 {
+            *edges
+                .entry((triangle[k], triangle[(k + 1) % 3]))
+                .or_insert(0) += 1;
+        }
+    }
+    for ((from, to), count) in &edges {
+        assert_eq!(
+            (*count, edges.get(&(*to, *from))),
+            (1, Some(&1)),
+            "{from} {to}"
+        );
+    }
+}
+
+/// A slab before a wall: seen from outside, the wall is a body; seen from inside, it is the boundary of the free space.
+#[test]
+fn a_closed_surface_is_that_of_the_side_where_views_are() {
+    for (height, is_body) in [(6.0, true), (1.5, false)] {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut carver = Carver::deferred(CarverOptions {
+            labels: Labels::Cut(CutOptions::default()),
+            hull: Hull::Drop,
+        });
+        let mut transaction = carver.transaction();
+        let views: Vec<ViewId> = (0..6)
+            .map(|k| Point3::new(0.5 + 0.4 * f64::from(k), 1.4, height))
+            .map(|center| transaction.add_view(center).unwrap())
+            .collect();
+        for index in 0..600 {
+            // A floor, or the six sides of a box, with points below the floor that nothing sees.
+            let mut at: [f64; 3] = std::array::from_fn(|_| rng.random_range(0.0..3.0));
+            let is_seen = index % 6 != 5;
+            match (is_body, is_seen) {
+                (true, true) => at[2] *= 0.01,
+                (true, false) => at[2] = -1.0 - 0.01 * at[2],
+                (false, _) => at[index % 3] = [0.0, 3.0][index / 3 % 2],
+            }
+            let point = transaction.add_point(at.into()).unwrap();
+            if is_seen || !is_body {
+                for view in &views {
+                    transaction.add_observation(*view, point, 1).unwrap();
+                }
+            }
+        }
+        transaction.commit().unwrap();
+        carver.carve_closed();
+        assert_eq!(carver.options().hull == Hull::Free, is_body);
+        let mesh = carver.mesh(&ExportOptions {
+            manifold: true,
+            ..ExportOptions::default()
+        });
+        assert_closed(&mesh);
+        // Six times the volume to the side of the normals: that of the free space, which is outside a body.
+        let volume: f64 = mesh
+            .triangles
+            .iter()
+            .map(|triangle| {
+                let [a, b, c] = triangle.map(|corner| mesh.vertices[corner as usize].coords);
+                a.cross(&b).dot(&c)
+            })
+            .sum();
+        assert!(mesh.triangles.len() > 50, "{}", mesh.triangles.len());
+        assert_eq!(volume > 0.0, is_body, "{volume}");
+    }
 }
 
 /// Compares labels, surface, weights and evidence of all cells, and what crosses them.

@@ -3,6 +3,8 @@
 //! Nodes with an excess are the roots of the source tree, nodes with a deficit those of the sink tree. When no active node
 //! is left the source tree is what the source reaches.
 
+use std::collections::VecDeque;
+
 use super::network::{Network, NodeId, Tree, parent};
 
 impl Network {
@@ -21,6 +23,22 @@ impl Network {
         }
         self.touched = touched;
         self.touched.clear();
+        self.grow_trees();
+    }
+
+    /// The same in a network whose nodes are all new.
+    pub(crate) fn maximize_once(&mut self) {
+        self.tick();
+        self.active.reserve_exact(self.nodes.len());
+        for node in 0..self.nodes.len() {
+            self.settle(node);
+        }
+        self.grow_trees();
+        self.active = VecDeque::new();
+        self.orphans = VecDeque::new();
+    }
+
+    fn grow_trees(&mut self) {
         self.adopt_orphans();
         while let Some(node) = self.active.pop_front() {
             let node = node as usize;
@@ -58,7 +76,8 @@ impl Network {
 
     fn set_tree(&mut self, node: usize, tree: Tree) {
         let before = std::mem::replace(&mut self.nodes[node].tree, tree);
-        if (before == Tree::Source) != (tree == Tree::Source) {
+        let has_flipped = (before == Tree::Source) != (tree == Tree::Source);
+        if has_flipped && !self.is_unlisted {
             self.flipped.push(NodeId(node as u32));
         }
     }

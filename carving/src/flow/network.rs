@@ -86,6 +86,8 @@ pub struct Network {
     capacities: Vec<[u32; 4]>,
     large_residuals: LargeNumbers,
     large_capacities: LargeNumbers,
+    /// Whether nodes that change sides are not listed.
+    pub(super) is_unlisted: bool,
     /// Number of the current repair of the trees, for `Node::stamp`.
     pub(super) time: u32,
     pub(super) touched: Vec<u32>,
@@ -104,6 +106,31 @@ impl Network {
     /// No nodes.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// Nodes without arcs, 2^30 - 1 at most, for one [`maximize_once`](Self::maximize_once). Capacities are not kept, so that nothing but
+    /// [`begin_capacity`](Self::begin_capacity) and [`begin_terminal`](Self::begin_terminal) may set them.
+    pub(crate) fn once(nodes: usize) -> Self {
+        Self {
+            nodes: vec![Node::EMPTY; nodes],
+            is_unlisted: true,
+            ..Self::default()
+        }
+    }
+
+    /// Sets a capacity for the first time, where capacities are not kept; as [`set_capacity`](Self::set_capacity), the flow follows.
+    pub(crate) fn begin_capacity(&mut self, node: NodeId, slot: usize, capacity: i64) {
+        let node = node.0 as usize;
+        if let Some((other, back)) = self.nodes[node].across(slot) {
+            self.change_residual(other, back, capacity);
+            self.nodes[node].excess -= capacity;
+            self.nodes[other].excess += capacity;
+        }
+    }
+
+    /// Sets the terminal of a node for the first time, where capacities are not kept.
+    pub(crate) fn begin_terminal(&mut self, node: NodeId, granted: i64) {
+        self.nodes[node.0 as usize].excess += granted;
     }
 
     /// Number of nodes.

@@ -105,6 +105,44 @@ impl Cut {
             .extend(flipped.map(|node| CellId::from_index(node.0 as usize)));
     }
 
+    /// Labels all cells once and takes the evidence. Memory holds either the evidence or the flow, so nothing can be
+    /// [updated](Self::update) afterwards.
+    ///
+    /// # Complexity
+    ///
+    /// As that of an [update](Self::update) of all cells.
+    pub(crate) fn solve_once(&mut self, tetrahedra: &Tetrahedralization, evidence: &mut Evidence) {
+        *self = Self::new(self.options);
+        self.network = Network::once(tetrahedra.cell_capacity());
+        self.cosines = vec![[0; 4]; tetrahedra.cell_capacity()];
+        let finite = || (tetrahedra.cells()).filter(|cell| !tetrahedra.is_ghost(*cell));
+        for cell in finite() {
+            let vertices = tetrahedra.cell_vertices(cell);
+            self.cosines[cell.index()] = cosines(vertices.map(|v| tetrahedra.coordinates(v)));
+            for facet in 0..4 {
+                let (other, back) = tetrahedra.neighbor(cell, facet);
+                if !tetrahedra.is_ghost(other) {
+                    self.network.join(node(cell), facet, node(other), back);
+                }
+            }
+        }
+        for cell in finite() {
+            let sums = evidence.of(cell);
+            for facet in 0..4 {
+                let (other, back) = tetrahedra.neighbor(cell, facet);
+                if !tetrahedra.is_ghost(other) {
+                    let capacity = self.capacity(cell, facet, other, back, &sums);
+                    self.network.begin_capacity(node(other), back, capacity);
+                }
+            }
+            let granted = granted(tetrahedra, cell, &sums);
+            self.network.begin_terminal(node(cell), granted);
+        }
+        evidence.forget();
+        self.cosines = Vec::new();
+        self.network.maximize_once();
+    }
+
     /// Cells whose label may have changed by the latest update, in no particular order and possibly repeated.
     pub(crate) fn flipped(&self) -> &[CellId] {
         &self.flipped

@@ -71,7 +71,7 @@ pub(crate) fn check(
             let (other, _) = tetrahedra.neighbor(cell, facet);
             let is_boundary = is_free(cell) && !is_free(other);
             let is_hull = is_boundary && tetrahedra.is_ghost(other);
-            let is_surface = is_boundary && (facets.hull() == Hull::Keep || !is_hull);
+            let is_surface = is_boundary && (facets.hull() != Hull::Drop || !is_hull);
             if facets.is_surface(cell, facet) != is_surface {
                 return Err(SurfaceViolation::Facet { cell, facet });
             }

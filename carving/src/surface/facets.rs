@@ -133,6 +133,39 @@ impl Facets {
         delta.normalize();
     }
 
+    /// Labels all cells, and finds all triangles.
+    ///
+    /// # Complexity
+    ///
+    /// Linear in the number of cells.
+    pub(crate) fn fill(
+        &mut self,
+        tetrahedra: &Tetrahedralization,
+        is_free: impl Fn(CellId) -> bool,
+    ) {
+        self.cells = vec![0; tetrahedra.cell_capacity()];
+        self.count = 0;
+        for cell in tetrahedra.cells() {
+            self.cells[cell.index()] = if is_free(cell) { FREE } else { 0 };
+        }
+        for cell in tetrahedra.cells() {
+            for facet in 0..4 {
+                let other = tetrahedra.neighbor(cell, facet).0;
+                if self.is_wanted(tetrahedra, cell, other) {
+                    self.cells[cell.index()] |= 1 << facet;
+                    self.count += 1;
+                }
+            }
+        }
+    }
+
+    /// Whether the facet between two cells is on the surface with the first on the free side.
+    fn is_wanted(&self, tetrahedra: &Tetrahedralization, cell: CellId, other: CellId) -> bool {
+        self.is_free(cell)
+            && !self.is_free(other)
+            && (self.hull != Hull::Drop || !tetrahedra.is_ghost(other))
+    }
+
     /// Records whether the facet between `cell` and `other` is on the surface with `cell` on the free side.
     fn settle(
         &mut self,
@@ -142,9 +175,7 @@ impl Facets {
         other: CellId,
         delta: &mut SurfaceDelta,
     ) {
-        let wanted = self.is_free(cell)
-            && !self.is_free(other)
-            && (self.hull == Hull::Keep || !tetrahedra.is_ghost(other));
+        let wanted = self.is_wanted(tetrahedra, cell, other);
         let state = &mut self.cells[cell.index()];
         if (*state & 1 << facet != 0) == wanted {
             return;

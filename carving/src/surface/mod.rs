@@ -44,4 +44,6 @@ pub enum Hull {
     Drop,
     /// They are part of the surface, which is then closed.
     Keep,
+    /// The outside counts as free: the surface bounds the occupied cells, and is closed.
+    Free,
 }

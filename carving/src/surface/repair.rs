@@ -20,7 +20,7 @@ pub(super) fn across(
     across_where(tetrahedra, is_free, facets.hull(), at, [a, b])
 }
 
-/// Whether the facet of a cell is on the surface with the cell on the free side. Ghost cells are never free.
+/// Whether the facet of a cell is on the surface with the cell on the free side. Ghost cells are free with [`Hull::Free`] alone.
 pub fn is_surface_where(
     tetrahedra: &Tetrahedralization,
     is_free: impl Fn(CellId) -> bool,
@@ -28,11 +28,11 @@ pub fn is_surface_where(
     (cell, facet): (CellId, usize),
 ) -> bool {
     let (other, _) = tetrahedra.neighbor(cell, facet);
-    is_free(cell) && !is_free(other) && (hull == Hull::Keep || !tetrahedra.is_ghost(other))
+    is_free(cell) && !is_free(other) && (hull != Hull::Drop || !tetrahedra.is_ghost(other))
 }
 
 /// The surface facet that bounds the same free wedge around an edge as the given one, with the labels of the cells around the edge;
-/// `None` at a border. Ghost cells are never free.
+/// `None` at a border. Ghost cells are free with [`Hull::Free`] alone.
 pub fn across_where(
     tetrahedra: &Tetrahedralization,
     is_free: impl Fn(CellId) -> bool,

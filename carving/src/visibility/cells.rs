@@ -66,7 +66,8 @@ impl Cells {
     #[inline]
     pub(crate) fn weight(&self, cell: CellId) -> u64 {
         let index = cell.index();
-        self.large.get(self.weights[index], index as u64)
+        let stored = self.weights.get(index).copied().unwrap_or(0);
+        self.large.get(stored, index as u64)
     }
 
     /// Replaces a weight by what `by` makes of it; returns both.
@@ -103,6 +104,13 @@ impl Cells {
     /// Cells whose weight passed the threshold since the list was last emptied, possibly repeatedly.
     pub(crate) fn flipped(&mut self) -> &mut Vec<CellId> {
         &mut self.flipped
+    }
+
+    /// Forgets the weights, which are zero from now on.
+    pub(crate) fn forget_weights(&mut self) {
+        self.weights = Vec::new();
+        self.is_new = Vec::new();
+        self.large = LargeNumbers::default();
     }
 
     /// Back to no cells.

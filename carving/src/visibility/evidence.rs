@@ -188,6 +188,11 @@ impl Evidence {
         }
     }
 
+    /// Back to no cells.
+    pub(crate) fn forget(&mut self) {
+        *self = Self::new(self.is_on);
+    }
+
     /// Resets the sums of all cells.
     pub(super) fn clear(&mut self) {
         self.cells.fill([0; SUMS]);

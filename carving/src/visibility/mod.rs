@@ -41,7 +41,7 @@ pub(crate) use samples::{Misplaced, Samples};
 #[cfg(feature = "internals")]
 pub use segment_cell::{crosses_cell, crosses_ghost};
 pub(crate) use softness::{Softness, UNIT, precedes};
-pub(crate) use views::Views;
+pub(crate) use views::{Viewpoint, Views};
 
 use crate::tetrahedralization::{CellId, Tetrahedralization};
 

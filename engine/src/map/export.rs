@@ -45,9 +45,15 @@ impl Map {
     /// # Complexity
     /// Linear in the size of the surface, plus sorting of its vertices.
     pub fn surface(&self) -> TriangleMesh {
-        let longest = self.export_options().longest_edge;
-        match (self.followed_surface(), &self.contents) {
-            (Some(surface), _) if surface.is_current(longest) => surface.to_mesh(),
+        let export = self.export_options();
+        let cloud = self.cloud();
+        let followed = self.followed_surface();
+        match (
+            followed.filter(|surface| surface.is_current(export.longest_edge)),
+            cloud,
+        ) {
+            (Some(surface), _) => surface.to_mesh(),
+            (None, Some(cloud)) => cloud.mesh_of(&self.carver, &export, false),
             _ if self.is_fitted() => {
                 let mut surface = self.new_surface();
                 self.update_surface(&mut surface);

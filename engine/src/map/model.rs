@@ -31,6 +31,34 @@ pub struct ModelCounts {
     pub wrong_observations: usize,
 }
 
+impl ModelCounts {
+    /// Says which points are not carved, and which observations are not used; `None` when all are.
+    pub fn left_out(&self) -> Option<String> {
+        let reasons = [
+            (self.not_finite, "not finite"),
+            (self.too_few_views, "seen by too few views"),
+            (
+                self.too_little_parallax,
+                "seen from nearly the same direction only",
+            ),
+        ];
+        let out: usize = reasons.iter().map(|(count, _)| count).sum();
+        let reasons: Vec<String> = (reasons.iter().filter(|(count, _)| *count > 0))
+            .map(|(count, reason)| format!("{count} {reason}"))
+            .collect();
+        let mut parts = Vec::new();
+        if out > 0 {
+            let (total, reasons) = (out + self.carved, reasons.join(", "));
+            parts.push(format!("{out} of {total} points are left out: {reasons}"));
+        }
+        if self.wrong_observations > 0 {
+            let count = self.wrong_observations;
+            parts.push(format!("{count} observations project elsewhere"));
+        }
+        (!parts.is_empty()).then(|| parts.join("; "))
+    }
+}
+
 /// A model and the state of its points.
 pub(super) struct ModelMap {
     model: Arc<SparseModel>,
@@ -297,6 +325,11 @@ impl PointSelector {
             views: Vec::new(),
             depths: Vec::new(),
         }
+    }
+
+    /// Numbers of points so far.
+    pub(crate) fn counts(&self) -> ModelCounts {
+        self.counts
     }
 
     /// A point as it is carved, with its depths in its views, if it is carved. Observations must name views of the

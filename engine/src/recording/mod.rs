@@ -3,6 +3,7 @@
 mod fit;
 mod input;
 mod origin;
+mod precision;
 mod prepared;
 
 use std::sync::Arc;
@@ -24,6 +25,7 @@ use crate::tracking::open_or_track;
 pub use fit::camera_warning;
 pub use input::{DepthChoice, Input, RecordingError, Selection, Source};
 pub(crate) use origin::{PointExtent, model_origin};
+pub(crate) use precision::Precision;
 pub(crate) use prepared::PreparedRecording;
 
 /// A sequence whose keyframes are chosen, with everything that must be known before the first of them.
@@ -210,8 +212,14 @@ impl Recording {
             )));
         }
         let mut extent = PointExtent::default();
+        let mut precision = Precision::default();
         for point in &model.points {
             extent.add(&point.point_in_world);
+            precision.add(point, &model.views);
+        }
+        if let Some(loss) = precision.loss() {
+            let path = input.path.display();
+            return Err(RecordingError::Missing(format!("{path}: {loss}")));
         }
         self.shift_to(model_origin(&model.views, &extent));
         self.keyframes = (0..model.views.len()).collect();

@@ -6,23 +6,18 @@ use std::path::Path;
 
 use linecarve_carving::Hull;
 use linecarve_mesh::files::write_atomically;
-use linecarve_sequence::{DenseCloud, ModelView};
+use linecarve_sequence::DenseCloud;
 use linecarve_tiles::{PlanOptions, Planner, SeenPoint, Work};
 use nalgebra::Point3;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
-use super::median::Medians;
-use super::spill::Spill;
+use super::selection::Selection;
 use super::{Finish, POINTS_OF_TILE, ProjectError, Split};
-use crate::map::cloud::{
-    CloudSurface, JoinedPoint, ViewStatistics, append_centers, append_record, join, top_level,
-};
-use crate::map::{PointSelector, carver_options, export_options};
+use crate::map::cloud::{CloudSurface, JoinedPoint, append_centers, append_record, join};
+use crate::map::{carver_options, export_options};
 use crate::options::Options;
-use crate::recording::{PointExtent, model_origin};
 
-/// Plans a cloud in two passes: its extent decides on the origin of computation; then points are selected and shifted, as
-/// [`Recording`](crate::recording::Recording) and [`Map`](crate::map::Map) do with a model in memory.
+/// Plans a cloud, whose points are [selected](Selection) and joined one part after the other.
 ///
 /// # Errors
 /// When the files cannot be read, or the plan cannot be made.
@@ -32,41 +27,20 @@ pub(super) fn plan(
     split: Split,
     folder: &Path,
 ) -> Result<Work, ProjectError> {
-    options.validate()?;
-    let mut extent = PointExtent::default();
-    let mut statistics = ViewStatistics::default();
-    cloud.visit(|point| {
-        extent.add(&point.point_in_world);
-        statistics.add(&point);
-        Ok::<(), ProjectError>(())
-    })?;
-    let origin = model_origin(cloud.views(), &extent);
-    let shifted = |view: &ModelView| {
-        let mut view = view.clone();
-        view.world_from_camera.translation.vector += -origin;
-        view
-    };
-    let views: Vec<ModelView> = cloud.views().iter().map(shifted).collect();
-    let center = |view: &ModelView| Point3::from(view.world_from_camera.translation.vector);
-    let centers: Vec<Point3<f64>> = views.iter().map(center).collect();
+    let Selection {
+        origin,
+        centers,
+        top,
+        depths,
+        spill,
+        ..
+    } = Selection::of(cloud, options, folder)?;
+    let file_error = |fault| ProjectError::file(folder)(fault);
     let coordinates: Vec<[f64; 3]> = centers.iter().map(|center| (*center).into()).collect();
     let mut plan = PlanOptions::default();
     plan.tiles = split.tiles.unwrap_or(1);
     plan.halo = split.halo;
     let mut planner = Planner::new(folder, &coordinates, plan)?;
-    let mut selector = PointSelector::new(views, options, statistics);
-    let file_error = |fault| ProjectError::file(folder)(fault);
-    let mut depths = Medians::new(folder).map_err(file_error)?;
-    let top = top_level(extent.translated(&-origin).longest());
-    let mut spill = Spill::new(folder, top).map_err(file_error)?;
-    cloud.visit(|mut point| {
-        point.point_in_world += -origin;
-        if let Some((point, depths_of_point)) = selector.select(&point) {
-            depths.add(depths_of_point).map_err(file_error)?;
-            spill.add(&point).map_err(file_error)?;
-        }
-        Ok::<(), ProjectError>(())
-    })?;
     let mut surface = SurfaceFile::new(folder).map_err(file_error)?;
     let mut is_dense = false;
     spill.visit(folder, |points| {

@@ -7,7 +7,7 @@ use std::path::Path;
 use nalgebra::Point3;
 
 use super::ProjectError;
-use crate::map::cloud::{SeenPoint, top_cube};
+use crate::map::cloud::{SeenPoint, color_from_bytes, color_to_bytes, halves, top_cube};
 
 /// Number of files. Points of 64 times the memory of a task can be planned.
 const FILES: u64 = 64;
@@ -36,7 +36,8 @@ impl Spill {
         for value in [point.sigma, point.pixel] {
             bytes.extend(value.unwrap_or(f64::NAN).to_le_bytes());
         }
-        bytes.extend((point.views.len() as u64).to_le_bytes());
+        bytes.extend((point.views.len() as u32).to_le_bytes());
+        bytes.extend(color_to_bytes(point.color));
         point
             .views
             .iter()
@@ -82,7 +83,8 @@ fn points_of(file: BufWriter<File>) -> std::io::Result<Vec<SeenPoint>> {
             reader.read_exact(value)?;
         }
         let [x, y, z, sigma, pixel, _] = head.map(f64::from_le_bytes);
-        let count = u64::from_le_bytes(head[5]);
+        let [count, color] = halves(head[5]);
+        let count = u64::from(u32::from_le_bytes(count));
         let mut views = Vec::with_capacity(count as usize);
         for _ in 0..count {
             let mut view = [0; 4];
@@ -92,7 +94,7 @@ fn points_of(file: BufWriter<File>) -> std::io::Result<Vec<SeenPoint>> {
         at += 48 + 4 * count;
         points.push(SeenPoint {
             position: Point3::new(x, y, z),
-            color: None,
+            color: color_from_bytes(color),
             views,
             sigma: (!sigma.is_nan()).then_some(sigma),
             pixel: (!pixel.is_nan()).then_some(pixel),

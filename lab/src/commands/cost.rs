@@ -100,7 +100,7 @@ pub(super) fn run(args: &CostArgs, threads: Option<usize>) -> anyhow::Result<Out
 }
 
 /// `linecarve` in the folder of this program, where cargo puts both.
-fn beside_this_program() -> anyhow::Result<PathBuf> {
+pub(super) fn beside_this_program() -> anyhow::Result<PathBuf> {
     let own = std::env::current_exe().context("cannot find this program")?;
     let program = own.with_file_name(format!("linecarve{}", std::env::consts::EXE_SUFFIX));
     ensure!(
@@ -112,7 +112,7 @@ fn beside_this_program() -> anyhow::Result<PathBuf> {
 }
 
 /// Processor time of finished child processes; `None` where the system does not tell.
-fn cpu_milliseconds_of_children() -> Option<f64> {
+pub(super) fn cpu_milliseconds_of_children() -> Option<f64> {
     // Fields 16 and 17 of proc(5), counted behind the name in parentheses, in ticks of a hundredth of a second.
     let text = std::fs::read_to_string("/proc/self/stat").ok()?;
     let mut fields = text.rsplit_once(')')?.1.split_whitespace().skip(13);

@@ -10,6 +10,7 @@ mod lines;
 mod lines_output;
 mod measure;
 mod published;
+mod race;
 mod results;
 mod rivals;
 mod scored_run;
@@ -46,6 +47,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         | Command::Benchmarks(_)
         | Command::Cost(_)
         | Command::Measure(_)
+        | Command::Race(_)
         | Command::Texture(_) => true,
     };
     let threads = cli.threads.or(reports_times.then_some(1));
@@ -62,6 +64,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<Outcome> {
         Command::Benchmarks(args) => benchmarks::run(&args, threads, verbosity),
         Command::Cost(args) => cost::run(&args, threads),
         Command::Measure(args) => measure::run(&args),
+        Command::Race(args) => race::run(&args, threads),
         Command::Depth(args) => depth::run(&args),
         Command::Flatness(args) => flatness::run(&args),
         Command::Starts(args) => starts::run(&args, verbosity),

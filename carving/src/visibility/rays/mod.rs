@@ -14,6 +14,7 @@
 //! * `trace`: what a single ray adds to the cells of any tetrahedralisation;
 //! * `walk`: all cells of a ray, from cell to cell where it pierces the interior of every facet on its way, otherwise by
 //!   searching all cells that it touches;
+//! * `equal`: rays with equal ends, one of which stands for all;
 //! * `record`: adding rays to cells and removing them;
 //! * `resoften`: other standard deviations of the points of rays;
 //! * `rewalk`: what to walk again after cells have been destroyed and created;
@@ -21,6 +22,7 @@
 
 mod cell_walk;
 mod check;
+mod equal;
 mod evidence;
 mod line;
 mod record;
@@ -94,6 +96,11 @@ impl RayVisibility {
 
     pub(crate) fn table_mut(&mut self) -> &mut Rays {
         &mut self.table
+    }
+
+    /// Back to no rays.
+    pub(crate) fn forget(&mut self) {
+        *self = Self::new(self.softness, self.crossings.has_lists());
     }
 
     /// Removes all rays from all cells; the table stays.

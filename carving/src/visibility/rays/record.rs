@@ -9,6 +9,7 @@ use super::super::crossings::{Crossings, Entrance};
 use super::super::{Cells, ObservationId, Space, Sum};
 use super::RayVisibility;
 use super::cell_walk::Step;
+use super::equal::EqualRays;
 use super::evidence::RayEvidence;
 use super::walk::Walker;
 
@@ -99,20 +100,28 @@ impl RayVisibility {
     /// Adds rays that no cell lists to the cells that they cross; sorts `rays`.
     ///
     /// Rays from one view in similar directions follow each other, as they cross the same cells and have the same lists. Without
-    /// lists, those of one vertex and of vertices nearby do: where one leaves its vertex, so do the others, or almost.
+    /// lists, those of one vertex and of vertices nearby do: where one leaves its vertex, so do the others, or almost. Of equal rays
+    /// one is then walked for all.
     pub(crate) fn add(&mut self, space: &mut Space<'_>, rays: &mut [ObservationId]) {
         let tetrahedra = space.tetrahedra;
         if tetrahedra.dimension() < 3 {
             return;
         }
-        if !self.crossings.has_lists() {
-            self.sort_by_vertex(tetrahedra.vertex_capacity(), rays);
-        } else {
+        if self.crossings.has_lists() {
             self.sort_by_direction(space, rays);
+            self.add_sorted(space, rays);
+        } else {
+            self.sort_by_vertex(tetrahedra.vertex_capacity(), rays);
+            let (equal, kept) = EqualRays::join(&mut self.table, space.views, rays);
+            self.add_sorted(space, &rays[..kept]);
+            equal.part(&mut self.table);
         }
+    }
+
+    fn add_sorted(&mut self, space: &mut Space<'_>, rays: &[ObservationId]) {
         if rayon::current_num_threads() == 1 || rays.len() < 2 * PARALLEL_CHUNK {
             let mut latest = LatestStart::default();
-            for &ray in &*rays {
+            for &ray in rays {
                 let target = VertexId::from_index(self.table.vertex(ray) as usize);
                 self.add_one(space, ray, latest.at(target));
                 latest.set(target, &self.walk.steps);

@@ -69,7 +69,7 @@ fn join_block(
                 let cube = code >> (3 * (DEPTH - depth));
                 groups.push((depth, cube, is_in_front(point, &patch, centers), index));
             }
-            None => joined.push(alone(point)),
+            None => joined.push(JoinedPoint::alone(point.clone())),
         }
     }
     groups.sort_unstable();
@@ -104,14 +104,17 @@ fn is_in_front(point: &SeenPoint, patch: &Patch, centers: &[Point3<f64>]) -> boo
     towards.dot(&patch.normal) > 0.0
 }
 
-fn alone(point: &SeenPoint) -> JoinedPoint {
-    JoinedPoint {
-        position: point.position,
-        color: point.color,
-        rays: point.views.iter().map(|view| [*view, 1]).collect(),
-        sigma: point.sigma,
-        reach: point.pixel.map(|pixel| REACH_PX * pixel),
-        is_dense: false,
+impl JoinedPoint {
+    /// A point that stays as it is.
+    pub(crate) fn alone(point: SeenPoint) -> Self {
+        Self {
+            position: point.position,
+            color: point.color,
+            rays: point.views.into_iter().map(|view| [view, 1]).collect(),
+            sigma: point.sigma,
+            reach: point.pixel.map(|pixel| REACH_PX * pixel),
+            is_dense: false,
+        }
     }
 }
 

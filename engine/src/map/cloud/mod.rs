@@ -25,7 +25,9 @@ pub(crate) use density::ViewStatistics;
 pub(crate) use join::join;
 pub(crate) use octree::{top_cube, top_level};
 pub(in crate::map) use surface::CloudVertices;
-pub(crate) use surface::{CloudSurface, append_centers, append_record};
+pub(crate) use surface::{
+    CloudSurface, append_centers, append_record, color_from_bytes, color_to_bytes, halves,
+};
 
 /// A point of a cloud.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,13 +5,15 @@
 //! pixels and than the points lie apart, and views see it from the side or from behind.
 
 use linecarve_carving::internals::{RankedSurface, assemble};
-use linecarve_carving::{ExportOptions, TriangleRole, VertexId, VertexOrigin};
+use linecarve_carving::{
+    Carver, ExportOptions, IndexedMesh, Triangle, TriangleRole, VertexId, VertexOrigin,
+};
 use linecarve_mesh::TriangleMesh;
 use nalgebra::Point3;
 use rustc_hash::FxHashMap;
 
 use super::JoinedPoint;
-use crate::map::surface::{FittedVertex, VertexSource, fitted_positions};
+use crate::map::surface::{DEFAULT_COLOR, FittedVertex, VertexSource, color_of, fitted_positions};
 
 /// Least cosine between the normal of a wide triangle and the direction to a view that sees one of its corners: 70 degrees. Views graze what
 /// spans a hidden part of the scene. Tuned on the kitchen of 7-Scenes.
@@ -36,8 +38,24 @@ struct Known {
     /// How far the vertex may move.
     bound: f64,
     reach: f64,
-    /// Where its views begin and end.
-    views: [u32; 2],
+    /// Where its views begin; they end where those of the next point begin.
+    views: u32,
+    color: [u8; 4],
+}
+
+/// A colour, if there is one, as files hold it.
+pub(crate) fn color_to_bytes(color: Option<[u8; 3]>) -> [u8; 4] {
+    color.map_or([0; 4], |[r, g, b]| [r, g, b, 1])
+}
+
+/// What [`color_to_bytes`] wrote.
+pub(crate) fn color_from_bytes([r, g, b, has_color]: [u8; 4]) -> Option<[u8; 3]> {
+    (has_color != 0).then_some([r, g, b])
+}
+
+/// The halves of eight bytes.
+pub(crate) fn halves([a, b, c, d, e, f, g, h]: [u8; 8]) -> [[u8; 4]; 2] {
+    [[a, b, c, d], [e, f, g, h]]
 }
 
 /// What is known of a point, as files hold it.
@@ -45,29 +63,33 @@ struct Record {
     key: [u64; 3],
     bound: f64,
     reach: f64,
+    color: [u8; 4],
     views: Vec<u32>,
 }
 
 impl Record {
-    /// `None` for points without a pixel size, of which nothing is known.
-    fn of(point: &JoinedPoint) -> Option<Self> {
-        Some(Self {
+    /// Without a pixel size, triangles at a point reach as far as they like.
+    fn of(point: &JoinedPoint) -> Self {
+        Self {
             key: key(&point.position),
             bound: match point.is_dense {
                 true => BOUND_SIGMAS * point.sigma.unwrap_or(0.0),
                 false => 0.0,
             },
-            reach: point.reach?,
+            reach: point.reach.unwrap_or(f64::INFINITY),
+            color: color_to_bytes(point.color),
             views: point.rays.iter().map(|[view, _]| *view).collect(),
-        })
+        }
     }
 
     fn put(&self, out: &mut Vec<u8>) {
         let [x, y, z] = self.key;
         let (bound, reach) = (self.bound.to_bits(), self.reach.to_bits());
-        for word in [x, y, z, bound, reach, self.views.len() as u64] {
+        for word in [x, y, z, bound, reach] {
             out.extend(word.to_le_bytes());
         }
+        out.extend((self.views.len() as u32).to_le_bytes());
+        out.extend(self.color);
         out.extend(self.views.iter().flat_map(|view| view.to_le_bytes()));
     }
 
@@ -79,7 +101,8 @@ impl Record {
         };
         let key = [word()?, word()?, word()?];
         let (bound, reach) = (f64::from_bits(word()?), f64::from_bits(word()?));
-        let count = usize::try_from(word()?).ok()?;
+        let [count, color] = halves(word()?.to_le_bytes());
+        let count = u32::from_le_bytes(count) as usize;
         let (views, rest) = bytes.split_at_checked(count.checked_mul(4)?)?;
         *bytes = rest;
         let view = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().unwrap_or_default());
@@ -87,6 +110,7 @@ impl Record {
             key,
             bound,
             reach,
+            color,
             views: views.chunks_exact(4).map(view).collect(),
         })
     }
@@ -94,9 +118,7 @@ impl Record {
 
 /// Appends what is known of a point.
 pub(crate) fn append_record(point: &JoinedPoint, out: &mut Vec<u8>) {
-    if let Some(record) = Record::of(point) {
-        record.put(out);
-    }
+    Record::of(point).put(out);
 }
 
 /// Appends the centres of the views.
@@ -121,23 +143,33 @@ impl CloudSurface {
             centers,
             ..Self::default()
         };
-        for record in points.filter_map(Record::of) {
-            surface.add(record);
-        }
+        points.for_each(|point| surface.add_point(point));
         surface
     }
 
     /// Adds a point. Of points at one position the last counts.
+    pub(crate) fn add_point(&mut self, point: &JoinedPoint) {
+        self.add(Record::of(point));
+    }
+
     fn add(&mut self, record: Record) {
-        let start = self.views.len() as u32;
+        let views = self.views.len() as u32;
         self.views.extend(record.views);
-        let views = [start, self.views.len() as u32];
         self.index.insert(record.key, self.points.len() as u32);
         self.points.push(Known {
             bound: record.bound,
             reach: record.reach,
             views,
+            color: record.color,
         });
+    }
+
+    /// Views of a point, by its number.
+    fn views_of(&self, index: u32) -> &[u32] {
+        let start = self.points[index as usize].views as usize;
+        let next = self.points.get(index as usize + 1);
+        let end = next.map_or(self.views.len(), |next| next.views as usize);
+        &self.views[start..end]
     }
 
     /// As a file holds it: its points in the order in which they were added, then the views, as [`append_record`] and [`append_centers`]
@@ -148,13 +180,13 @@ impl CloudSurface {
             keys[*index as usize] = *key;
         }
         let mut bytes = Vec::new();
-        for (key, point) in keys.into_iter().zip(&self.points) {
-            let [start, end] = point.views.map(|at| at as usize);
+        for ((index, key), point) in (0..).zip(keys).zip(&self.points) {
             let record = Record {
                 key,
                 bound: point.bound,
                 reach: point.reach,
-                views: self.views[start..end].to_vec(),
+                color: point.color,
+                views: self.views_of(index).to_vec(),
             };
             record.put(&mut bytes);
         }
@@ -209,21 +241,96 @@ impl CloudSurface {
         let of_rank =
             |origin: VertexOrigin<u32>| origin.map(|rank| VertexId::from_index(rank as usize));
         let origins: Vec<VertexOrigin<VertexId>> = origins.into_iter().map(of_rank).collect();
-        let vertices = CloudVertices {
-            surface: self,
-            position: |vertex: VertexId| corner(vertex.index() as u32),
+        self.finished(mesh, &origins, |vertex: VertexId| {
+            corner(vertex.index() as u32)
+        })
+    }
+
+    /// The exported surface of a carver with the points of the cloud; with `is_closed` all triangles are exported.
+    pub(crate) fn mesh_of(
+        &self,
+        carver: &Carver,
+        export: &ExportOptions,
+        is_closed: bool,
+    ) -> TriangleMesh {
+        let position = |vertex: VertexId| carver.tetrahedra().position(vertex);
+        let role = |triangle: &Triangle| {
+            let longest = export.longest_edge;
+            let is_short = longest.is_none_or(|longest| carver.has_edges_within(triangle, longest));
+            match is_closed || is_short && self.supports(triangle.map(position)) {
+                true => TriangleRole::Exported,
+                false => TriangleRole::Counted,
+            }
         };
-        let positions = fitted_positions(&mesh.vertices, &mesh.triangles, &origins, &vertices);
+        // Triangles with long edges count for the size of their component.
+        let mut all = *export;
+        all.longest_edge = None;
+        let (mesh, origins) = carver.mesh_where(&all, role);
+        self.finished(mesh, &origins, position)
+    }
+
+    /// The exported surface of a carver with the points of a model that is not dense: vertices stay, and colours are those of the points.
+    pub(crate) fn unchanged_mesh_of(
+        &self,
+        carver: &Carver,
+        export: &ExportOptions,
+    ) -> TriangleMesh {
+        let (mesh, origins) = carver.mesh_where(export, |_| TriangleRole::Exported);
+        let position = |vertex: VertexId| carver.tetrahedra().position(vertex);
         TriangleMesh {
-            positions,
+            positions: mesh.vertices,
             triangles: mesh.triangles,
-            colors: None,
+            colors: self.colors(&origins, position),
         }
     }
 
-    fn known(&self, position: &Point3<f64>) -> Option<&Known> {
-        let index = self.index.get(&key(position))?;
-        self.points.get(*index as usize)
+    /// Centres of the views.
+    pub(crate) fn centers(&self) -> &[Point3<f64>] {
+        &self.centers
+    }
+
+    /// Smooths and colours an exported surface.
+    fn finished(
+        &self,
+        mesh: IndexedMesh,
+        origins: &[VertexOrigin<VertexId>],
+        position: impl Fn(VertexId) -> Point3<f64> + Sync,
+    ) -> TriangleMesh {
+        let vertices = CloudVertices {
+            surface: self,
+            position,
+        };
+        let positions = fitted_positions(&mesh.vertices, &mesh.triangles, origins, &vertices);
+        TriangleMesh {
+            positions,
+            triangles: mesh.triangles,
+            colors: self.colors(origins, &vertices.position),
+        }
+    }
+
+    /// Colours of vertices; `None` when no point has one.
+    pub(crate) fn colors(
+        &self,
+        origins: &[VertexOrigin<VertexId>],
+        position: impl Fn(VertexId) -> Point3<f64>,
+    ) -> Option<Vec<[u8; 3]>> {
+        let color = |vertex| self.color(&position(vertex));
+        let colors = origins.iter().map(|origin| color_of(*origin, color));
+        let colors: Vec<Option<[u8; 3]>> = colors.collect();
+        let has_any = colors.iter().any(Option::is_some);
+        let color = |color: Option<[u8; 3]>| color.unwrap_or(DEFAULT_COLOR);
+        has_any.then(|| colors.into_iter().map(color).collect())
+    }
+
+    /// Colour of the point at a position.
+    fn color(&self, position: &Point3<f64>) -> Option<[u8; 3]> {
+        color_from_bytes(self.known(position)?.1.color)
+    }
+
+    /// The number of the point at a position, and what is known of it.
+    fn known(&self, position: &Point3<f64>) -> Option<(u32, &Known)> {
+        let index = *self.index.get(&key(position))?;
+        Some((index, self.points.get(index as usize)?))
     }
 
     /// Whether points and views support a triangle, whose normal points to free space. True where nothing is known of a corner.
@@ -232,7 +339,7 @@ impl CloudSurface {
         let [Some(a), Some(b), Some(c)] = known else {
             return true;
         };
-        let reach = a.reach.max(b.reach).max(c.reach);
+        let reach = a.1.reach.max(b.1.reach).max(c.1.reach);
         let [p, q, r] = corners;
         let edges = [q - p, r - q, p - r].map(|edge| edge.norm_squared());
         let longest = edges.into_iter().fold(0.0, f64::max).sqrt();
@@ -248,17 +355,15 @@ impl CloudSurface {
             let towards = self.centers[*view as usize] - middle;
             towards.dot(&normal) >= LEAST_COSINE * towards.norm() * normal.norm()
         };
-        [a, b, c].iter().any(|corner| {
-            let [start, end] = corner.views.map(|at| at as usize);
-            self.views[start..end].iter().any(faces)
-        })
+        let mut corners = [a, b, c].into_iter();
+        corners.any(|(corner, _)| self.views_of(corner).iter().any(faces))
     }
 
     /// A vertex at a position, as far as it may move.
     pub(in crate::map) fn fit(&self, position: Point3<f64>) -> FittedVertex {
         FittedVertex {
             position,
-            bound: self.known(&position).map_or(0.0, |known| known.bound),
+            bound: self.known(&position).map_or(0.0, |(_, known)| known.bound),
             views: 0,
         }
     }
@@ -273,5 +378,9 @@ pub(in crate::map) struct CloudVertices<'a, F> {
 impl<F: Fn(VertexId) -> Point3<f64> + Sync> VertexSource for CloudVertices<'_, F> {
     fn fit(&self, vertex: VertexId) -> FittedVertex {
         self.surface.fit((self.position)(vertex))
+    }
+
+    fn color(&self, vertex: VertexId) -> Option<[u8; 3]> {
+        self.surface.color(&(self.position)(vertex))
     }
 }

@@ -54,7 +54,7 @@ fn joined(points: Vec<SeenPoint>) -> Vec<JoinedPoint> {
 
 #[test]
 fn noise_is_measured_in_spite_of_wrong_points() {
-    for sigma in [0.005, 0.01, 0.02] {
+    for sigma in [0.005, 0.01, 0.02, 0.05] {
         let points = square(40_000, sigma);
         // Of joined points the deviation is that of the mean.
         let mut single: Vec<f64> = Vec::new();

@@ -32,6 +32,8 @@ struct Rows {
     bytes: usize,
     /// Where in a row each coordinate is, and whether it has 8 bytes.
     coordinates: [(usize, bool); 3],
+    /// Where in a row red, green and blue are; each has one byte.
+    colors: Option<[usize; 3]>,
 }
 
 impl DenseCloud {
@@ -72,12 +74,17 @@ impl DenseCloud {
         self.rows.count
     }
 
+    /// The file of the points.
+    pub fn path(&self) -> &Path {
+        &self.cloud
+    }
+
     /// The views of the model.
     pub fn views(&self) -> &[ModelView] {
         &self.views
     }
 
-    /// Passes the finite points to `take`, without colours.
+    /// Passes the finite points to `take`.
     ///
     /// # Errors
     /// When a file cannot be read, both differ in their number of points, or one names an unknown image; and what `take` returns.
@@ -108,7 +115,7 @@ impl DenseCloud {
             if point_in_world.iter().all(|x| x.is_finite()) {
                 take(ModelPoint {
                     point_in_world,
-                    color: None,
+                    color: self.rows.colors.map(|at| at.map(|at| row[at])),
                     observations,
                 })?;
             }
@@ -214,8 +221,10 @@ impl Rows {
             count: 0,
             bytes: 0,
             coordinates: [(0, false); 3],
+            colors: None,
         };
         let mut found = [false; 3];
+        let mut colors = [None; 3];
         for words in words {
             match words[..] {
                 ["format", format, _] if format != "binary_little_endian" => return None,
@@ -240,11 +249,18 @@ impl Rows {
                         rows.coordinates[k] = (rows.bytes, size == 8);
                         found[k] = true;
                     }
+                    let mut channels = ["red", "green", "blue"].iter();
+                    if let Some(k) = channels.position(|channel| *channel == name) {
+                        colors[k] = matches!(kind, "uchar" | "uint8").then_some(rows.bytes);
+                    }
                     rows.bytes += size;
                 }
                 ["property", ..] if elements == 1 => return None,
                 _ => (),
             }
+        }
+        if let [Some(red), Some(green), Some(blue)] = colors {
+            rows.colors = Some([red, green, blue]);
         }
         found.iter().all(|found| *found).then_some(rows)
     }

@@ -1,0 +1,189 @@
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use linecarve_synth::{CityOptions, write_city};
+
+use super::*;
+use crate::recording::Source;
+use crate::{Reconstruction, RunOptions, run::CancelToken};
+
+fn city(points: usize, folder: &Path) -> Input {
+    let path = folder.join("city");
+    write_city(&CityOptions::new(points, 3), &path).unwrap();
+    input(path.join("fused.ply"))
+}
+
+fn input(path: PathBuf) -> Input {
+    Input {
+        source: Source::MapPoints,
+        ..Input::from(path)
+    }
+}
+
+fn mesh_of(input: &Input, is_closed: bool) -> PointMesh {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = mesh_points(input, Options::default(), is_closed, folder.path());
+    mesh.unwrap().unwrap()
+}
+
+#[test]
+fn the_mesh_is_that_of_a_reconstruction() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = city(4000, folder.path());
+    let streamed = mesh_of(&input, false);
+    let run = RunOptions {
+        is_at_once: true,
+        ..RunOptions::default()
+    };
+    let recording = Recording::open(&input, Options::default()).unwrap();
+    let mut whole = Reconstruction::new(recording, run).unwrap();
+    whole.run(CancelToken::default(), &mut []).unwrap();
+    assert!(streamed.mesh.triangles.len() > 1000);
+    let expected = whole.surface();
+    assert!(streamed.mesh.positions == expected.positions);
+    assert!(streamed.mesh.triangles == expected.triangles);
+    // A model that is read as a whole.
+    let recording = Recording::open(&input, Options::default()).unwrap();
+    let (origin, options) = (recording.origin, recording.options.clone());
+    let model = std::sync::Arc::unwrap_or_clone(recording.model.unwrap());
+    let read = of_model(model, &options, origin, false).unwrap();
+    assert!(read.mesh == streamed.mesh);
+    assert_eq!(read.counts, streamed.counts);
+}
+
+#[test]
+fn a_closed_mesh_is_watertight_and_has_the_colours_of_the_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let input = city(4000, folder.path());
+    let made = mesh_of(&input, true);
+    let mut edges = BTreeMap::new();
+    for triangle in &made.mesh.triangles {
+        for k in 0..3 {
+            let edge = (triangle[k], triangle[(k + 1) % 3]);
+            *edges.entry(edge).or_insert(0) += 1;
+        }
+    }
+    let is_closed = |((from, to), count): (&(u32, u32), &i32)| {
+        *count == 1 && edges.get(&(*to, *from)) == Some(&1)
+    };
+    assert!(edges.len() > 3000 && edges.iter().all(is_closed));
+    let colors = made.mesh.colors.unwrap();
+    let own = colors.iter().filter(|color| **color == [150, 140, 130]);
+    assert!(own.count() * 10 > colors.len() * 9);
+}
+
+#[test]
+fn coordinates_in_single_precision_are_refused_where_they_are_rounded() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = city(4000, folder.path());
+    let bytes = std::fs::read(&at.path).unwrap();
+    let start = bytes
+        .windows(11)
+        .position(|it| it == b"end_header\n")
+        .unwrap()
+        + 11;
+    let offset = [500_000.0_f32, 5_400_000.0, 0.0];
+    let mut moved = bytes.clone();
+    for row in moved[start..].chunks_exact_mut(27) {
+        for (k, offset) in offset.iter().enumerate() {
+            let place = &mut row[4 * k..4 * k + 4];
+            let x = f32::from_le_bytes((&*place).try_into().unwrap()) + offset;
+            place.copy_from_slice(&x.to_le_bytes());
+        }
+    }
+    std::fs::write(&at.path, moved).unwrap();
+    let images = at.path.with_file_name("sparse").join("images.txt");
+    let text = std::fs::read_to_string(&images).unwrap();
+    // t = -R c: the offset is rotated, too.
+    let shifted: Vec<String> = text.lines().map(|line| shifted(line, offset)).collect();
+    std::fs::write(&images, shifted.join("\n") + "\n").unwrap();
+    let refused = mesh_points(&at, Options::default(), false, folder.path()).unwrap_err();
+    let text = refused.to_string();
+    assert!(
+        text.contains("fused.ply: ") && text.contains("multiples of 0.5,"),
+        "{text}"
+    );
+    assert!(text.contains("colmap model_transformer"), "{text}");
+}
+
+/// A line of `images.txt` after its camera was moved.
+fn shifted(line: &str, offset: [f32; 3]) -> String {
+    let words: Vec<&str> = line.split(' ').collect();
+    let [id, w, x, y, z, tx, ty, tz, camera, name] = words[..] else {
+        return line.to_owned();
+    };
+    let number = |text: &str| text.parse::<f64>().unwrap();
+    let rotation = nalgebra::Quaternion::new(number(w), number(x), number(y), number(z));
+    let rotation = nalgebra::UnitQuaternion::new_normalize(rotation);
+    let moved = rotation * Vector3::from(offset.map(f64::from));
+    let t = Vector3::new(number(tx), number(ty), number(tz)) - moved;
+    format!(
+        "{id} {w} {x} {y} {z} {} {} {} {camera} {name}",
+        t.x, t.y, t.z
+    )
+}
+
+/// Observations that cannot be used leave the others alone.
+#[test]
+fn hostile_clouds_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = city(3000, folder.path());
+    let whole = mesh_of(&at, false);
+    let recording = Recording::open(&at, Options::default()).unwrap();
+    let options = recording.options.clone();
+    let model = std::sync::Arc::unwrap_or_clone(recording.model.unwrap());
+    let mesh = |model: SparseModel| {
+        let made = of_model(model, &options, Vector3::zeros(), false).unwrap();
+        (made.mesh.triangles.len(), made)
+    };
+    let center = |model: &SparseModel, view: usize| {
+        Point3::from(model.views[view].world_from_camera.translation.vector)
+    };
+    let usual = whole.mesh.triangles.len();
+    // Points at the centre of a camera: one, and five hundred.
+    for (count, share) in [(1, 2), (500, 8)] {
+        let mut with = model.clone();
+        let at = center(&with, 0);
+        (with.points.iter_mut().take(count)).for_each(|point| point.point_in_world = at);
+        let (triangles, made) = mesh(with);
+        assert!(triangles > usual / share, "{triangles} of {usual}");
+        assert!(made.counts.wrong_observations >= count);
+    }
+    // Every point twice.
+    let mut twice = model.clone();
+    twice.points.extend(model.points.clone());
+    assert!(mesh(twice).0 > usual / 2);
+    // Two views each.
+    let mut pairs = model.clone();
+    pairs
+        .points
+        .iter_mut()
+        .for_each(|point| point.observations.truncate(2));
+    assert!(mesh(pairs).0 > 300);
+    // Coordinates that are no numbers.
+    let mut broken = model.clone();
+    broken.points[7].point_in_world.x = f64::NAN;
+    broken.points[8].point_in_world.z = f64::INFINITY;
+    let (triangles, made) = mesh(broken);
+    assert!(triangles > usual / 2 && made.counts.not_finite == 2);
+    // A view that there is not.
+    let mut unknown = model;
+    unknown.points[5].observations[0].view = 1 << 20;
+    let refused = of_model(unknown, &options, Vector3::zeros(), false).unwrap_err();
+    assert!(refused.to_string().contains("point 5"), "{refused}");
+}
+
+/// Two thousand positions with a hundred points each: equal rays are walked once.
+#[test]
+fn points_at_one_position_cost_one_point() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = city(2000, folder.path());
+    let recording = Recording::open(&at, Options::default()).unwrap();
+    let options = recording.options.clone();
+    let model = std::sync::Arc::unwrap_or_clone(recording.model.unwrap());
+    let mut many = model.clone();
+    many.points = (0..100).flat_map(|_| model.points.clone()).collect();
+    let made = of_model(many, &options, Vector3::zeros(), false).unwrap();
+    assert!(made.carved >= made.mesh.positions.len() / 2);
+    assert!(!made.mesh.triangles.is_empty());
+}
