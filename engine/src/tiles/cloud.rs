@@ -11,7 +11,6 @@ use linecarve_tiles::{PlanOptions, Planner, SeenPoint, Work};
 use nalgebra::Point3;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
-use super::median::Medians;
 use super::selection::Selection;
 use super::{Finish, POINTS_OF_TILE, ProjectError, Split};
 use crate::map::cloud::{CloudSurface, JoinedPoint, append_centers, append_record, join};
