@@ -199,7 +199,8 @@ impl StoredModel {
         }
         if frames.is_empty() && self.points.is_empty() {
             return Err(nothing(&format!(
-                "none of its {} images exists (looked in {}; first: {}), and it has no points: put the images into one of these folders",
+                "has no points, and none of its {} images exists (looked in {}; first: {}): give the workspace or model that has points, or put the \
+                 images into one of these folders",
                 self.images.len(),
                 roots
                     .iter()
