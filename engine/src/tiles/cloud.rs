@@ -27,6 +27,9 @@ pub(super) fn plan(
     split: Split,
     folder: &Path,
 ) -> Result<Work, ProjectError> {
+    let file_error = |fault| ProjectError::file(folder)(fault);
+    // Points are kept there before the plan is.
+    std::fs::create_dir_all(folder).map_err(file_error)?;
     let Selection {
         origin,
         centers,
@@ -35,7 +38,6 @@ pub(super) fn plan(
         spill,
         ..
     } = Selection::of(cloud, options, folder)?;
-    let file_error = |fault| ProjectError::file(folder)(fault);
     let coordinates: Vec<[f64; 3]> = centers.iter().map(|center| (*center).into()).collect();
     let mut plan = PlanOptions::default();
     plan.tiles = split.tiles.unwrap_or(1);
