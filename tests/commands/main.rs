@@ -13,6 +13,7 @@ mod depth_coverage;
 mod depth_values;
 mod diff;
 mod evaluate;
+mod faults;
 mod folders;
 mod growth;
 mod image_size;
