@@ -52,7 +52,7 @@ pub struct TrackArgs {
     #[arg(long)]
     pub resume: bool,
 
-    /// Seconds after which what was tracked is saved for `--resume`, again and again; 0: every few frames.
+    /// Seconds after which what was tracked is saved for `--resume`, again and again; 0: after every frame.
     #[arg(long, value_name = "SECONDS", default_value_t = 20, value_parser = whole::<u32>(0..=1_000_000))]
     pub save_every: u32,
 

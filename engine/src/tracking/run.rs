@@ -169,13 +169,13 @@ pub fn track_watched(
                 Err(error) => return Err(error),
             }
             task.step();
-        }
-        if let Some(checkpoint) = &mut checkpoint {
-            checkpoint.store(&TrackingState {
-                tracker: &tracker,
-                times,
-                unreadable: &unreadable,
-            })?;
+            if let Some(checkpoint) = &mut checkpoint {
+                checkpoint.store(&TrackingState {
+                    tracker: &tracker,
+                    times,
+                    unreadable: &unreadable,
+                })?;
+            }
         }
     }
     drop(task);
