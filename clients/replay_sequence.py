@@ -179,6 +179,8 @@ class Linecarve:
             [program, "stream", *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
         self.replies = queue.Queue()
+        # Called with replies that no message caused.
+        self.when_idle = lambda reply: None
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self):
@@ -193,8 +195,11 @@ class Linecarve:
         return self.receive()
 
     def receive(self):
-        """The next reply."""
+        """The next reply to a message."""
         reply = self.replies.get()
+        while reply is not None and reply.get("idle"):
+            self.when_idle(reply)
+            reply = self.replies.get()
         if reply is None:
             sys.exit(f"linecarve ended with status {self.process.wait()}")
         if reply["type"] == "error":
@@ -222,6 +227,7 @@ def follow_frame(reply, surface):
 def track(linecarve, recording, frames, image, has_depth):
     """Sends frames without poses, and prints what becomes of them."""
     surface, milliseconds = Surface(), []
+    linecarve.when_idle = surface.apply
     for name in frames:
         images = {"color": image(recording.color(name))}
         if has_depth:
@@ -294,6 +300,7 @@ def main():
         track(linecarve, recording, recording.frames[:: options.every or 1], image, not options.no_depth)
         return
     surface, poses, milliseconds, corrections = Surface(), {}, [], []
+    linecarve.when_idle = surface.apply
     since_correction = 0
     for number, name in enumerate(keyframes):
         poses[number] = recording.pose(name)

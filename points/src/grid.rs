@@ -1,5 +1,7 @@
 //! Grid index of features by image position.
 
+use serde::{Deserialize, Serialize};
+
 /// Side of a cell: about 7 of 2000 features in a 640x480 image.
 const CELL_PX: f32 = 32.0;
 
@@ -7,7 +9,7 @@ const CELL_PX: f32 = 32.0;
 const MAX_CELLS: usize = 512;
 
 /// Features of an image in the cells of a regular grid.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct FeatureGrid {
     origin: [f32; 2],
     cell: [f32; 2],

@@ -116,6 +116,11 @@ impl StereoPair {
         self.size
     }
 
+    /// The cameras of the stored images, left and right.
+    pub fn stored_cameras(&self) -> [&Camera; 2] {
+        self.resampling.each_ref().map(|one| &one.stored)
+    }
+
     /// Distance between the cameras, in units of the poses.
     pub fn baseline(&self) -> f64 {
         self.baseline

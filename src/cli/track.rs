@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use super::ranges::whole;
 use super::{LiveArgs, TrackFormat, TrackMode};
 
 /// Arguments of `track`.
@@ -44,6 +45,14 @@ pub struct TrackArgs {
     /// Poses as a live system knows them: no frame uses a later one.
     #[arg(long)]
     pub causal: bool,
+
+    /// Go on with a run of the same arguments that was killed; the poses are those of a run without interruption.
+    #[arg(long)]
+    pub resume: bool,
+
+    /// Seconds after which what was tracked is saved for `--resume`, again and again; 0: after every frame.
+    #[arg(long, value_name = "SECONDS", default_value_t = 20, value_parser = whole::<u32>(0..=1_000_000))]
+    pub save_every: u32,
 
     /// The page while frames are tracked.
     #[command(flatten)]

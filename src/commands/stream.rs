@@ -1,5 +1,7 @@
 //! `linecarve stream`: messages on standard input, changes of the surface on standard output.
 
+use std::time::Duration;
+
 use anyhow::Context;
 
 use crate::cli::StreamArgs;
@@ -17,6 +19,9 @@ use linecarve_mesh::GltfFrame;
 use linecarve_sequence::export::{TrajectoryFormat, write_trajectory};
 use nalgebra::Vector3;
 
+/// Time without a message after which small corrections are made that wait: longer than between keyframes, so that none has to wait.
+const PATIENCE: Duration = Duration::from_millis(500);
+
 pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let options = base_options(args.preset, args.config.as_deref())?;
     let mut output = args
@@ -31,10 +36,28 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let mut replies = Replies::default();
     let lines = Lines::begin()?;
     let mut number = 0;
+    let mut patience = PATIENCE;
     loop {
+        let waits = session.pending_corrections() > 0;
+        let line = lines.next(waits.then_some(patience))?;
+        if matches!(line, Line::Idle) {
+            // The others follow at once, unless a message comes.
+            patience = Duration::ZERO;
+            match session.settle() {
+                Ok(Some(reply)) => replies.send(&reply)?,
+                Ok(None) => {}
+                Err(error) => replies.refuse(number, error.to_string(), verbosity)?,
+            }
+            if replies.nobody_listens {
+                break;
+            }
+            continue;
+        }
+        patience = PATIENCE;
         number += 1;
-        let answer = match lines.next()? {
+        let answer = match line {
             Line::End => break,
+            Line::Idle => continue,
             Line::Unusable(problem) => Err(problem),
             Line::Text(text) if text.trim().is_empty() => continue,
             Line::Text(text) => match serde_json::from_str::<Message>(&text) {

@@ -1,7 +1,8 @@
 //! Lines of JSON in and out, for `linecarve stream`.
 
 use std::io::{BufRead, ErrorKind, Write};
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::time::Duration;
 
 use anyhow::Context;
 
@@ -18,6 +19,8 @@ pub(super) enum Line {
     Text(String),
     /// It was read to its end, and cannot be a message for this reason.
     Unusable(String),
+    /// None came for a while.
+    Idle,
     End,
 }
 
@@ -51,12 +54,19 @@ impl Lines {
         Ok(Self(receiver))
     }
 
-    /// The next line; the end after a signal.
+    /// The next line; the end after a signal. [`Line::Idle`] when none comes within `patience`, if there is one.
     ///
     /// # Errors
     /// When standard input cannot be read.
-    pub(super) fn next(&self) -> anyhow::Result<Line> {
-        let line = self.0.recv().unwrap_or(Ok(Line::End))?;
+    pub(super) fn next(&self, patience: Option<Duration>) -> anyhow::Result<Line> {
+        let line = match patience {
+            None => self.0.recv().unwrap_or(Ok(Line::End)),
+            Some(patience) => match self.0.recv_timeout(patience) {
+                Ok(line) => line,
+                Err(RecvTimeoutError::Timeout) => Ok(Line::Idle),
+                Err(RecvTimeoutError::Disconnected) => Ok(Line::End),
+            },
+        }?;
         Ok(if is_signalled() { Line::End } else { line })
     }
 }

@@ -1,5 +1,7 @@
 //! `linecarve track`: recording in, camera poses out.
 
+use std::time::Duration;
+
 use anyhow::{Context, bail, ensure};
 
 use crate::cli::TrackArgs;
@@ -10,7 +12,8 @@ use crate::sinks::{LiveTracking, OutputFolder, print_object, write_tracked};
 use crate::standard_error::say;
 use linecarve_engine::options::Options;
 use linecarve_engine::tracking::{
-    FrameDone, TrackReport, TrackingMode, open_unposed, track_watched,
+    FrameDone, TrackReport, TrackingCheckpoint, TrackingMode, open_unposed, track_watched,
+    tracking_description,
 };
 use linecarve_engine::video::{is_video, of_video, unpack};
 use linecarve_sequence::export::TrajectoryFormat;
@@ -58,6 +61,10 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         None => OutputFolder::create(&args.out, &[&args.input])?,
     };
     let noise = Options::default().sensor.relative_noise;
+    let description = tracking_description(&sequence, mode, &options);
+    let interval = Duration::from_secs(args.save_every.into());
+    let mut checkpoint =
+        TrackingCheckpoint::open(output.root(), description, interval, args.resume)?;
     let view = args.live.start(verbosity)?;
     let mut live = view.map(|view| LiveTracking::new(view, &sequence));
     let mut watch = |done: &FrameDone<'_>| {
@@ -66,17 +73,30 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         }
     };
     let progress = verbosity.hook();
-    let tracked = track_watched(&sequence, mode, options, noise, &progress, &mut watch)?;
+    let tracked = track_watched(
+        &sequence,
+        mode,
+        options,
+        noise,
+        &progress,
+        &mut watch,
+        Some(&mut checkpoint),
+    )?;
     if let Some(live) = &mut live {
         live.finish(&tracked);
     }
     let mut report = TrackReport::new(&tracked, &sequence, args.causal);
     let formats: Vec<TrajectoryFormat> = args.format.iter().map(|one| (*one).into()).collect();
     write_tracked(&tracked, &sequence, &mut report, &formats, &mut output)?;
+    let resumed = checkpoint.resumed();
+    checkpoint.finish()?;
     if args.json {
         print_object(&report)?;
     }
     if verbosity > Verbosity::Quiet {
+        if resumed > 0 {
+            say!("resumed: {resumed} frame(s) of the interrupted run were not tracked again");
+        }
         for warning in &warnings {
             say!("warning: {warning}");
         }

@@ -13,6 +13,7 @@ mod depth_coverage;
 mod depth_values;
 mod diff;
 mod evaluate;
+mod faults;
 mod floors;
 mod folders;
 mod growth;

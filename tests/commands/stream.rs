@@ -309,3 +309,40 @@ fn a_signal_ends_a_session_with_its_mesh() {
         drop(input);
     }
 }
+
+#[test]
+fn small_corrections_are_made_while_no_message_comes() {
+    use std::io::{BufRead, BufReader, Write};
+    use std::process::{Command, Stdio};
+
+    let recording = LiveRecording::new(3);
+    let mut session = Command::new(assert_cmd::cargo::cargo_bin("linecarve"))
+        .args(["stream", "--quiet", "--accept-as-is"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut input = session.stdin.take().unwrap();
+    let replies = BufReader::new(session.stdout.take().unwrap()).lines();
+    let mut replies = replies.map(|reply| serde_json::from_str::<Value>(&reply.unwrap()).unwrap());
+    let mut send = |message: &Value| {
+        writeln!(input, "{message}").unwrap();
+        replies.next().unwrap()
+    };
+    send(&recording.start);
+    for (frame, pose) in recording.poses.iter().enumerate() {
+        send(&recording.keyframe(frame as u64, frame, &json!({ "matrix": pose })));
+    }
+    let mut pose = recording.poses[1].clone();
+    pose[0][3] += 1e-5;
+    let update = json!([{ "id": 1, "world_from_camera": { "matrix": pose } }]);
+    let reply = send(&json!({ "type": "poses", "poses": update }));
+    assert_eq!(reply["pending"], 1, "{reply}");
+    let reply = replies.next().unwrap();
+    assert_eq!(reply["type"], "surface", "{reply}");
+    assert_eq!(reply["idle"], true);
+    assert_eq!(reply.get("pending"), None);
+    drop(input);
+    assert_eq!(replies.last().unwrap()["type"], "end");
+    assert!(session.wait().unwrap().success());
+}

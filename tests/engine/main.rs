@@ -13,3 +13,4 @@ mod stream_corrections;
 mod stream_images;
 mod stream_messages;
 mod stream_tracking;
+mod track_resume;

@@ -82,7 +82,7 @@ fn random_session(recording: &Recording, seed: u64) {
         let kind = if known.len() < 3 {
             0
         } else {
-            rng.random_range(0..5)
+            rng.random_range(0..6)
         };
         match kind {
             0..2 => {
@@ -104,6 +104,11 @@ fn random_session(recording: &Recording, seed: u64) {
                 }
                 let chosen: Vec<&Known> = chosen.iter().map(|index| &known[*index]).collect();
                 client.apply(send(&mut session, &poses(&chosen)));
+            }
+            4 => {
+                if let Some(reply) = session.settle().unwrap() {
+                    client.apply(Some(reply));
+                }
             }
             _ => {
                 let gone = known.remove(rng.random_range(0..known.len()));
@@ -165,6 +170,18 @@ fn corrections_below_the_deviation_of_depth_are_said_to_be_pending() {
     assert_eq!(pending_after(&mut known[1], 1e-5), (1, true));
     assert_eq!(pending_after(&mut known[2], 1e-5), (2, true));
     assert_eq!(pending_after(&mut known[1], 0.05), (1, false));
+    // While no message comes they are made.
+    assert_eq!(session.pending_corrections(), 1);
+    let reply = session.settle().unwrap();
+    let Some(Reply::Surface {
+        pending: 0,
+        idle: true,
+        ..
+    }) = reply
+    else {
+        panic!("not settled: {reply:?}");
+    };
+    assert!(session.settle().unwrap().is_none());
     let end = session.finish();
     let expected = recording.at_once(&known);
     assert_eq!(bits(&end.summary.mesh), bits(&expected.mesh));

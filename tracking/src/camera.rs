@@ -2,6 +2,7 @@
 
 use linecarve_lines::camera::Camera;
 use nalgebra::{Isometry3, Matrix3, Matrix3x6, Point2, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// 95 % bound of the squared error of a pixel in variances: two degrees of freedom.
 pub(crate) const CHI2_PIXEL: f64 = 5.991;
@@ -38,6 +39,12 @@ impl Pinhole {
         }
     }
 
+    /// In place of the camera of a saved tracker, which takes that of the tracker that resumes it.
+    pub(crate) fn unknown() -> Self {
+        let camera = Camera::pinhole(1.0, 1.0, 0.0, 0.0);
+        Self::new(&camera.expect("positive focal lengths are valid"), 0, 0)
+    }
+
     /// Pixel of a point in camera coordinates; `None` behind the camera.
     pub(crate) fn project(&self, point: &Point3<f64>) -> Option<Point2<f64>> {
         (point.z > NEAREST).then(|| {
@@ -69,7 +76,7 @@ impl Pinhole {
 }
 
 /// A pixel with its standard deviation, and the inverse depth there, if it was measured.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Measurement {
     pub(crate) pixel: Point2<f64>,
     pub(crate) sigma_px: f64,

@@ -6,10 +6,12 @@ use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
 use linecarve_points::{Descriptor, FeatureDetector, FeatureGrid, Features, Patch};
 use nalgebra::{Point2, Vector2};
+use serde::{Deserialize, Serialize};
 
 use crate::camera::Measurement;
 use crate::dense::DenseView;
 use crate::options::TrackingOptions;
+use crate::saving::{patches, shared};
 use crate::stereo::{RightView, stereo_depths};
 
 /// Ratio of the sizes of successive pyramid levels, as in the feature detector.
@@ -36,7 +38,7 @@ pub(crate) fn level_scale(octave: u8) -> f64 {
 const ALIGNED_SIGMA_SHARE: f64 = 0.5;
 
 /// Where a feature sees its point.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) enum Alignment {
     /// At the feature; its patch was not aligned yet.
     #[default]
@@ -153,17 +155,20 @@ fn depth_near(map: &InverseDepthMap, pixel: &[f32; 2]) -> Option<[f32; 2]> {
 }
 
 /// Features of an image with their depths.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct FrameFeatures {
     pub(crate) features: Features,
     pub(crate) grid: FeatureGrid,
     /// Inverse depth and standard deviation of each feature.
     pub(crate) inverse_depths: Vec<Option<[f32; 2]>>,
     /// The depth image, reduced, where there is one.
+    #[serde(with = "shared")]
     pub(crate) dense: Option<Arc<DenseView>>,
     /// The image, where there is depth, for its lines; old keyframes and frames without a pose lose it.
+    #[serde(with = "shared")]
     pub(crate) image: Option<Arc<GrayImage>>,
     /// The image around each feature that can be aligned; empty when matches are not aligned.
+    #[serde(with = "patches")]
     pub(crate) patches: Vec<Option<Arc<Patch>>>,
     /// Empty until the first is known.
     alignments: Vec<Alignment>,

@@ -3,6 +3,7 @@
 use nalgebra::Isometry3;
 
 use crate::adjust::{PoseEdge, PoseGraph};
+use crate::loop_confirmation::CONFIRMING;
 use crate::map::{KeyframeId, PointId};
 use crate::records::LoopReport;
 use crate::tracker::{Frame, Tracker};
@@ -17,11 +18,11 @@ const MAX_CANDIDATES: usize = 3;
 const TIED_POINTS: u32 = 100;
 
 /// Standard deviation of the motion between tied keyframes: as a share of the median depth, and in radians.
-const EDGE_SIGMA: [f64; 2] = [0.005, 0.005];
+pub(crate) const EDGE_SIGMA: [f64; 2] = [0.005, 0.005];
 
 /// 99.9 % bound of a squared error in variances: six degrees of freedom. A loop that exceeds it is false. It bounds the cost of the loop
 /// against the drift along its whole cycle, as a long path bends little in each edge; with depth it bounds each edge, too.
-const MAX_CHI2: f64 = 22.46;
+pub(crate) const MAX_CHI2: f64 = 22.46;
 
 /// Steps of the adjustment of all keyframes after a loop.
 const LOOP_STEPS: [usize; 2] = [5, 5];
@@ -36,6 +37,24 @@ pub(crate) struct FoundLoop {
     camera_from_world: Isometry3<f64>,
     points: Vec<Option<PointId>>,
     matches: usize,
+}
+
+impl FoundLoop {
+    /// The keyframe of the place.
+    pub(crate) fn to(&self) -> KeyframeId {
+        self.to
+    }
+
+    /// Pose of the keyframe of the loop in the map around the place.
+    pub(crate) fn camera_from_world(&self) -> &Isometry3<f64> {
+        &self.camera_from_world
+    }
+
+    /// Moves the keyframe in the place.
+    #[cfg(test)]
+    pub(crate) fn move_by(&mut self, motion: &Isometry3<f64>) {
+        self.camera_from_world = motion * self.camera_from_world;
+    }
 }
 
 /// Squared errors of the edges of a pose graph in variances.
@@ -72,13 +91,14 @@ impl Tracker {
         let Some(found) = self.find_loop(id, &candidates) else {
             return;
         };
-        if self.apply_loop(id, &found) {
+        // Otherwise the next keyframe looks again, with one more neighbour.
+        if self.is_confirmed(id, &found, CONFIRMING) && self.apply_loop(id, &found) {
             self.last_loop = Some(id);
         }
     }
 
     /// Keyframes that look like `id`, more than its neighbours do, and share no point with it.
-    fn loop_candidates(&self, id: KeyframeId) -> Vec<KeyframeId> {
+    pub(crate) fn loop_candidates(&self, id: KeyframeId) -> Vec<KeyframeId> {
         let keyframe = self.map.keyframe(id);
         let total = self.map.keyframes.len();
         let scores = self

@@ -1,6 +1,7 @@
 //! Keyframes that may show the same place as an image.
 
 use linecarve_points::Descriptor;
+use serde::{Deserialize, Serialize};
 
 use crate::map::KeyframeId;
 
@@ -12,7 +13,7 @@ const TABLES: usize = 4;
 
 /// An inverted index from words to keyframes. The word of a descriptor is a fixed part of its bits, so that no vocabulary is
 /// needed.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Places {
     /// Keyframes of each word of each table, ascending, once per feature.
     lists: Vec<Vec<KeyframeId>>,

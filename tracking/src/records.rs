@@ -1,14 +1,14 @@
 //! What is known of each frame, and what a run reports.
 
 use nalgebra::Isometry3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::Measurement;
 use crate::frame::FrameFeatures;
 use crate::map::{DenseMotion, KeyframeId, PointId};
 
 /// Why a frame has no pose.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "reason", rename_all = "kebab-case")]
 pub enum NoPose {
     /// The image has too few corners: dark, blurred, covered, or without texture.
@@ -78,7 +78,7 @@ pub enum FrameOutcome {
 }
 
 /// A loop that was closed or refused.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LoopReport {
     /// Frame number of the keyframe that came back.
     pub frame: u32,
@@ -97,7 +97,7 @@ pub struct LoopReport {
 }
 
 /// Durations in milliseconds, summed over all frames.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageTimes {
     /// Keyframes made.
     pub keyframes: usize,
@@ -114,7 +114,7 @@ pub struct StageTimes {
 }
 
 /// A frame, tracked or not.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(crate) enum FrameRecord {
     Posed(Box<PosedFrame>),
     Missing {
@@ -125,7 +125,7 @@ pub(crate) enum FrameRecord {
 }
 
 /// A frame with a pose.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct PosedFrame {
     pub(crate) reference: KeyframeId,
     /// `camera_from_reference`.

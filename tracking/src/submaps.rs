@@ -1,5 +1,6 @@
 //! Joining of sub-maps after the last frame.
 
+use crate::loop_confirmation::CONFIRMING;
 use crate::map::KeyframeId;
 use crate::tracker::Tracker;
 
@@ -11,9 +12,13 @@ impl Tracker {
     pub(crate) fn join_submaps(&mut self) {
         for submap in 1..self.submaps {
             let keyframes: Vec<KeyframeId> = self.map.keyframes_of(submap).collect();
+            // A sub-map of fewer keyframes has no others to ask.
+            let confirming = CONFIRMING.min(keyframes.len().saturating_sub(1));
             for id in keyframes {
                 let candidates = self.places_elsewhere(id, submap);
-                if let Some(found) = self.find_loop(id, &candidates) {
+                if let Some(found) = self.find_loop(id, &candidates)
+                    && self.is_confirmed(id, &found, confirming)
+                {
                     self.apply_loop(id, &found);
                     break;
                 }

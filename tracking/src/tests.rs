@@ -1,6 +1,7 @@
 //! Whole runs on walls of random blocks.
 
 mod first_map;
+mod loops;
 
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
@@ -37,15 +38,17 @@ fn frame(wall: usize, number: usize) -> FrameFeatures {
     FrameDetector::new(&TrackingOptions::default()).detect(&image(wall, number), Some(&depth))
 }
 
+/// The grey of a wall at a column and a row, both in pixels at its distance.
+fn grey(wall: usize, x: usize, y: usize) -> u8 {
+    let block = ((x / 9) * 7919 + (y / 7) * 104_729 + wall * 1_299_709 + 1) as u64;
+    let mixed = (block ^ (block >> 7)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    (mixed >> 56) as u8
+}
+
 fn image(wall: usize, number: usize) -> GrayImage {
-    let grey = |x: usize, y: usize| {
-        let block = ((x / 9) * 7919 + (y / 7) * 104_729 + wall * 1_299_709 + 1) as u64;
-        let mixed = (block ^ (block >> 7)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        (mixed >> 56) as u8
-    };
     let samples = (0..WIDTH * HEIGHT)
-        .map(|i| grey(i % WIDTH + 4 * number, i / WIDTH))
+        .map(|i| grey(wall, i % WIDTH + 4 * number, i / WIDTH))
         .collect();
     GrayImage::new(WIDTH, HEIGHT, samples).unwrap()
 }
@@ -381,5 +384,52 @@ fn hundred_covered_frames_do_not_harm_the_others() {
             }
             None => assert!((8..108).contains(&at), "frame {at}"),
         }
+    }
+}
+
+#[test]
+fn a_saved_tracker_goes_on_to_the_same_poses() {
+    let covered_or = |number: usize| match number {
+        8..12 => covered(),
+        _ => frame(0, number),
+    };
+    let mut whole = tracker();
+    let mut saved = Vec::new();
+    for number in 0..20 {
+        // In the middle of a map, and while the camera is lost.
+        if number == 6 || number == 10 {
+            saved.push(rmp_serde::to_vec(&whole).unwrap());
+        }
+        whole.track(covered_or(number));
+    }
+    let expected = whole.finish();
+    for bytes in saved {
+        let mut resumed = tracker().resume(rmp_serde::from_slice(&bytes).unwrap());
+        for number in resumed.frames()..20 {
+            resumed.track(covered_or(number));
+        }
+        let found = resumed.finish();
+        assert_eq!(found.poses, expected.poses);
+        assert_eq!(found.submaps[0].points, expected.submaps[0].points);
+    }
+}
+
+#[test]
+fn a_saved_tracker_of_one_camera_goes_on_before_and_after_its_first_map() {
+    let camera = Camera::pinhole(200.0, 200.0, 159.5, 119.5).unwrap();
+    let start = || Tracker::new(TrackingOptions::monocular(), &camera, WIDTH, HEIGHT).unwrap();
+    let mut whole = start();
+    let mut saved = Vec::new();
+    for number in 0..16 {
+        saved.push(rmp_serde::to_vec(&whole).unwrap());
+        whole.track(relief(number));
+    }
+    let expected = whole.finish();
+    for at in [5, 13] {
+        let mut resumed = start().resume(rmp_serde::from_slice(&saved[at]).unwrap());
+        for number in resumed.frames()..16 {
+            resumed.track(relief(number));
+        }
+        assert_eq!(resumed.finish().poses, expected.poses);
     }
 }

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::Pinhole;
 use crate::dense::DenseSurface;
@@ -20,7 +21,7 @@ use crate::records::{
 const MIN_AGREEING: f64 = 0.3;
 
 /// A frame that is being tracked, or the last one.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct Frame {
     pub(crate) number: u32,
     pub(crate) view: FrameFeatures,
@@ -61,14 +62,16 @@ impl Frame {
 
 /// Tracks the frames of a recording in order, and builds the map that it tracks against.
 ///
-/// Nothing depends on time or on the number of threads: frame k sees the map after the keyframes before it.
+/// Nothing depends on time or on the number of threads: frame k sees the map after the keyframes before it. Between two frames a tracker
+/// can be saved. [`resume`](Self::resume) goes on with it, to the same poses.
 ///
 /// # Reference
 /// Mur-Artal and Tardos, "ORB-SLAM2", T-RO 2017. *Differs:* depth is a residual of its own with the standard deviation of the
 /// sensor; words are fixed bits of the descriptor; everything runs in lock-step.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Tracker {
     pub(crate) options: TrackingOptions,
+    #[serde(skip, default = "Pinhole::unknown")]
     pub(crate) camera: Pinhole,
     pub(crate) map: Map,
     pub(crate) places: Places,
@@ -85,6 +88,7 @@ pub struct Tracker {
     /// Sub-maps that the images contradict.
     pub(crate) refuted: Vec<u32>,
     /// How the map of one camera compares with the images.
+    #[serde(skip)]
     pub(crate) check: Option<MapCheck>,
     pub(crate) recent_points: Vec<PointId>,
     pub(crate) last: Option<Frame>,
@@ -94,6 +98,7 @@ pub struct Tracker {
     /// Standard deviation of features relative to that of the options.
     pub(crate) noise: f64,
     /// Surface of the reference keyframe, once it was needed.
+    #[serde(skip)]
     pub(crate) reference_surface: Option<(KeyframeId, Arc<DenseSurface>)>,
     pub(crate) last_keyframe_frame: u32,
     pub(crate) lost_for: u32,
@@ -116,6 +121,20 @@ impl Tracker {
     ) -> Result<Self, TrackingOptionsError> {
         options.validate()?;
         Ok(Self::empty(options, Pinhole::new(camera, width, height)))
+    }
+
+    /// Goes on with a tracker that was saved. It must be of the same options, camera and frames.
+    #[must_use]
+    pub fn resume(self, saved: Self) -> Self {
+        Self {
+            camera: self.camera,
+            ..saved
+        }
+    }
+
+    /// Number of frames given so far.
+    pub fn frames(&self) -> usize {
+        self.frames as usize
     }
 
     /// A tracker without frames; the options are in range.

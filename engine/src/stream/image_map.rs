@@ -130,6 +130,14 @@ impl SessionMap for ImageMap {
         self.update_front_end_poses()
     }
 
+    fn settle(&mut self, most: usize, options: &Options) -> Result<(), SessionError> {
+        let Some(mapping) = &mut self.mapping else {
+            return Ok(());
+        };
+        let empty_map = || empty_map(options, &self.live, mapping.source);
+        self.keyframes.settle(most, &mut mapping.mapper, empty_map)
+    }
+
     fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError> {
         if ids.is_empty() {
             return Ok(());

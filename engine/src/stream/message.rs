@@ -241,9 +241,12 @@ pub enum Reply {
         #[serde(flatten)]
         change: SurfaceDifference,
         /// Number of keyframes whose corrections the surface does not show yet, as they are below the deviation of what was measured. They
-        /// are shown when they add up, and at the end.
+        /// are shown when they add up, when the session is idle, and at the end.
         #[serde(skip_serializing_if = "is_zero")]
         pending: usize,
+        /// Whether no message led to this reply: corrections that waited were made.
+        #[serde(skip_serializing_if = "is_false")]
+        idle: bool,
         /// What in the poses, the depth scale or the calibration contradicts the images, with the remedy. It is said once.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         warnings: Vec<String>,
@@ -286,6 +289,10 @@ pub enum Reply {
 
 fn is_zero(count: &usize) -> bool {
     *count == 0
+}
+
+fn is_false(value: &bool) -> bool {
+    !*value
 }
 
 /// What became of a frame without pose, and what its arrival changed.

@@ -121,6 +121,16 @@ impl SessionMap for SensorMap {
         Ok(())
     }
 
+    fn settle(&mut self, most: usize, options: &Options) -> Result<(), SessionError> {
+        let empty_map = empty_map(
+            self.live.sequence(),
+            &self.sensor,
+            self.median_depth,
+            options,
+        );
+        self.keyframes.settle(most, &mut self.mapper, empty_map)
+    }
+
     fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError> {
         if ids.is_empty() {
             return Ok(());

@@ -31,6 +31,10 @@ use linecarve_mesh::{LineSet, TriangleMesh};
 use linecarve_sequence::export::PosedImage;
 use linecarve_sequence::{LiveFrame, LiveSequence};
 
+/// Keyframes whose small corrections are made at once while no message comes: a message that comes meanwhile waits about as long as for a
+/// keyframe.
+const SETTLED_AT_ONCE: usize = 4;
+
 /// Turns keyframes into a surface; see the [module](super) for its invariant.
 ///
 /// Memory: the map and the segments of all keyframes. Images are loaded while they are used; with depth from images alone, as
@@ -156,6 +160,34 @@ impl Session {
         Ok(self.surface(arrived, is_correction))
     }
 
+    /// Number of keyframes whose corrections wait, as they are below the deviation of what was measured.
+    pub fn pending_corrections(&self) -> usize {
+        self.map.as_ref().map_or(0, |map| map.pending_corrections())
+    }
+
+    /// Makes some of the corrections that wait, those of the newest keyframes; for times without messages. The reply is `None` when none
+    /// waits.
+    ///
+    /// # Errors
+    /// When the map cannot follow; it is then made anew.
+    ///
+    /// # Complexity
+    /// That of a correction of four keyframes.
+    pub fn settle(&mut self) -> Result<Option<Reply>, SessionError> {
+        let arrived = Instant::now();
+        match &mut self.map {
+            Some(map) if map.pending_corrections() > 0 => {
+                map.settle(SETTLED_AT_ONCE, &self.options)?;
+            }
+            _ => return Ok(None),
+        }
+        let mut reply = self.surface(arrived, true);
+        if let Some(Reply::Surface { idle, .. }) = &mut reply {
+            *idle = true;
+        }
+        Ok(reply)
+    }
+
     /// The change of the surface; `None` before the first keyframe. After a correction known segments may have changed.
     fn surface(&mut self, arrived: Instant, is_correction: bool) -> Option<Reply> {
         let map = self.map.as_mut()?;
@@ -179,6 +211,7 @@ impl Session {
             triangles,
             change: difference.unwrap_or_else(|| self.surface_diff.clear()),
             pending: map.pending_corrections(),
+            idle: false,
             warnings: self.first.take_unreported().into_iter().collect(),
             milliseconds: milliseconds(arrived.elapsed()),
         })

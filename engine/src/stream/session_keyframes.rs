@@ -179,6 +179,28 @@ impl SessionKeyframes {
         outcome.map(|()| is_rebuilt)
     }
 
+    /// Moves the newest keyframes whose corrections wait, at most so many, to their poses in the map. On an error the map is made anew.
+    pub(super) fn settle(
+        &mut self,
+        most: usize,
+        mapper: &mut Mapper,
+        empty_map: impl Fn() -> Result<Map, SessionError>,
+    ) -> Result<(), SessionError> {
+        let mut changes = BTreeMap::new();
+        let waiting = self.list.iter_mut().rev().filter(|it| it.is_pending);
+        for keyframe in waiting.take(most) {
+            if let Some(Estimate::Final { keyframe, place }) = &keyframe.estimate {
+                changes.insert(*place, Some(keyframe.world_from_camera()));
+            }
+            keyframe.is_pending = false;
+        }
+        let outcome = change_map(mapper, changes, &[], &[]);
+        if outcome.is_err() {
+            self.rebuild(mapper, empty_map()?)?;
+        }
+        outcome
+    }
+
     /// Removes keyframes, by their ids; the map follows. Returns whether it was made anew from all keyframes. On an error nothing
     /// changes.
     pub(super) fn remove(

@@ -87,7 +87,7 @@ pub trait SessionState: Send {
     }
 
     /// Number of keyframes that were corrected by less than the deviation of their measurements tells. The map shows them where they were until
-    /// corrections add up, or the session ends.
+    /// corrections add up, the session is idle, or it ends.
     fn pending_corrections(&self) -> usize {
         0
     }
@@ -134,6 +134,11 @@ pub(super) trait SessionMap: SessionState {
         poses: &[(u64, Isometry3<f64>)],
         options: &Options,
     ) -> Result<(), SessionError>;
+
+    /// Moves the newest keyframes whose corrections wait, at most so many, to their poses.
+    fn settle(&mut self, _most: usize, _options: &Options) -> Result<(), SessionError> {
+        Ok(())
+    }
 
     /// Removes keyframes.
     fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError>;

@@ -5,6 +5,7 @@ use linecarve_sequence::{FrameError, SequenceError};
 use linecarve_tracking::TrackingOptionsError;
 
 use crate::questions::QuestionError;
+use crate::run::CheckpointError;
 
 /// Why a sequence cannot be tracked.
 #[derive(Debug, thiserror::Error)]
@@ -26,6 +27,9 @@ pub enum TrackError {
     /// A parameter is out of range.
     #[error(transparent)]
     Options(#[from] TrackingOptionsError),
+    /// The checkpoint cannot be written.
+    #[error(transparent)]
+    Checkpoint(#[from] CheckpointError),
     /// Files that matter are not read.
     #[error(transparent)]
     Question(#[from] QuestionError),

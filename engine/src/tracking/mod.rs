@@ -1,6 +1,7 @@
 //! Poses for recordings that have none: images through `linecarve-tracking`.
 
 mod calibrate;
+mod checkpoint;
 mod contradiction;
 mod error;
 mod mode;
@@ -10,6 +11,7 @@ mod report;
 mod run;
 
 pub use calibrate::open_unposed;
+pub use checkpoint::{TrackingCheckpoint, tracking_description};
 pub use error::TrackError;
 pub use mode::TrackingMode;
 pub(crate) use open::open_or_track;

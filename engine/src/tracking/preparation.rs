@@ -7,6 +7,7 @@ use linecarve_lines::depth::DepthSensor;
 use linecarve_sequence::{ImageSize, Sequence, StereoPair};
 use linecarve_tracking::{FrameDetector, FrameFeatures, TrackingOptions};
 use nalgebra::UnitQuaternion;
+use serde::{Deserialize, Serialize};
 
 use super::error::TrackError;
 use super::mode::TrackingMode;
@@ -14,7 +15,7 @@ use crate::front_end::median_scene_depth;
 use crate::run::milliseconds;
 
 /// Durations of what comes before tracking, in milliseconds, summed over all frames.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct PrepareTimes {
     pub(super) load: f64,
     pub(super) depth: f64,

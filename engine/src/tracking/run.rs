@@ -7,6 +7,7 @@ use linecarve_tracking::{FrameFeatures, FramePose, TrackedRecording, Tracker, Tr
 use nalgebra::{Isometry3, UnitQuaternion};
 use rayon::prelude::*;
 
+use super::checkpoint::{TrackingCheckpoint, TrackingState};
 use super::contradiction::{contradiction, map_contradiction};
 use super::error::TrackError;
 use super::mode::TrackingMode;
@@ -100,10 +101,14 @@ pub fn track_sequence(
         relative_noise,
         progress,
         &mut |_| {},
+        None,
     )
 }
 
-/// [`track_sequence`], which tells of each frame as soon as it is tracked.
+/// [`track_sequence`], which tells of each frame as soon as it is tracked, and keeps what a run needs that goes on.
+///
+/// # Errors
+/// As [`track_sequence`], and when the checkpoint cannot be written.
 pub fn track_watched(
     sequence: &Sequence,
     mode: TrackingMode,
@@ -111,6 +116,7 @@ pub fn track_watched(
     relative_noise: f64,
     progress: &ProgressHook,
     watch: &mut dyn FnMut(&FrameDone<'_>),
+    mut checkpoint: Option<&mut TrackingCheckpoint>,
 ) -> Result<TrackedSequence, TrackError> {
     let folder = sequence.folder().display();
     let all: Vec<usize> = (0..sequence.frames().len()).collect();
@@ -120,8 +126,17 @@ pub fn track_watched(
     let mut tracker = Tracker::new(options, camera, width, height)?;
     let mut times = PrepareTimes::default();
     let mut unreadable = Vec::new();
+    let saved = checkpoint.as_deref_mut().and_then(TrackingCheckpoint::load);
+    if let Some(saved) = saved {
+        tracker = tracker.resume(saved.tracker);
+        (times, unreadable) = (saved.times, saved.unreadable);
+    }
+    let done = tracker.frames().min(all.len());
     let mut task = progress.begin("frames", all.len(), "tracking");
-    for group in all.chunks(AHEAD * rayon::current_num_threads().max(1)) {
+    for _ in 0..done {
+        task.step();
+    }
+    for group in all[done..].chunks(AHEAD * rayon::current_num_threads().max(1)) {
         let prepared: Vec<_> = group
             .par_iter()
             .map(|frame| (*frame, preparation.features(sequence, *frame)))
@@ -154,6 +169,13 @@ pub fn track_watched(
                 Err(error) => return Err(error),
             }
             task.step();
+            if let Some(checkpoint) = &mut checkpoint {
+                checkpoint.store(&TrackingState {
+                    tracker: &tracker,
+                    times,
+                    unreadable: &unreadable,
+                })?;
+            }
         }
     }
     drop(task);

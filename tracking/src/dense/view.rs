@@ -2,6 +2,7 @@
 
 use linecarve_lines::depth::InverseDepthMap;
 use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::Pinhole;
 
@@ -15,7 +16,7 @@ const PLANE_REACH: usize = 2;
 const MAX_SLOPE: f32 = 0.03;
 
 /// A depth image, reduced to about 160 pixels of width, and the plane at each pixel.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(crate) struct DenseView {
     width: usize,
     height: usize,

@@ -1,7 +1,9 @@
 //! Numbers of keyframes and points.
 
+use serde::{Deserialize, Serialize};
+
 /// Number of a keyframe, in the order of insertion; never reused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub(crate) struct KeyframeId(pub(crate) u32);
 
 impl KeyframeId {
@@ -11,7 +13,7 @@ impl KeyframeId {
 }
 
 /// Number of a point, in the order of creation; never reused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub(crate) struct PointId(pub(crate) u32);
 
 impl PointId {

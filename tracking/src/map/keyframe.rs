@@ -1,13 +1,14 @@
 //! Keyframes of the map.
 
 use nalgebra::{Isometry3, Point3};
+use serde::{Deserialize, Serialize};
 
 use super::ids::{KeyframeId, PointId};
 use super::motion::DenseMotion;
 use crate::frame::{Alignment, FrameFeatures};
 
 /// A keyframe.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Keyframe {
     /// Number of its frame.
     pub(crate) frame: u32,

@@ -7,6 +7,7 @@ mod motion;
 mod point;
 
 use nalgebra::{Isometry3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 pub(crate) use ids::{KeyframeId, PointId};
 pub(crate) use keyframe::Keyframe;
@@ -20,7 +21,7 @@ use linecarve_points::Descriptor;
 const MAX_DESCRIPTORS: usize = 24;
 
 /// Keyframes and points of all sub-maps. Ids stay valid; removed parts are marked.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Map {
     pub(crate) keyframes: Vec<Keyframe>,
     pub(crate) points: Vec<TrackedPoint>,

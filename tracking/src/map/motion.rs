@@ -1,12 +1,13 @@
 //! Motions between keyframes that their depth images give.
 
 use nalgebra::{Isometry3, Matrix6};
+use serde::{Deserialize, Serialize};
 
 use super::ids::KeyframeId;
 use crate::adjust::PosePrior;
 
 /// A motion from a keyframe by the alignment of depth images.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 pub(crate) struct DenseMotion {
     pub(crate) reference: KeyframeId,
     /// `camera_from_reference`.

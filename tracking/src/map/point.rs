@@ -2,11 +2,12 @@
 
 use linecarve_points::Descriptor;
 use nalgebra::{Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::ids::{KeyframeId, PointId};
 
 /// A point.
-#[derive(Debug)]
+#[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct TrackedPoint {
     /// Position in the frame of its sub-map.
     pub(crate) position: Point3<f64>,
