@@ -39,13 +39,16 @@ mod yaml;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
 use linecarve_lines::camera::{Camera, CameraCorrection, CameraError};
-use linecarve_lines::depth::{DepthSensor, SensorNoise};
+use linecarve_lines::depth::{DepthCorrection, DepthSensor, SensorNoise};
 use nalgebra::Isometry3;
 
 use calibration::ConfidenceImages;
 pub use calibration::ImageSize;
+use confidence::ConfidenceNoise;
+pub use confidence::{ClassNoise, DepthClasses};
 use container::Containers;
 use downsampling::Downsampling;
 pub use error::{FrameError, SequenceError};
@@ -157,6 +160,12 @@ pub struct Sequence {
     sigma_folder: Option<PathBuf>,
     /// Images with the confidence of each depth.
     confidence: Option<ConfidenceImages>,
+    /// Bounds of the ranks of confidence without classes, once they are asked for.
+    confidence_bounds: OnceLock<Vec<f32>>,
+    /// What each class of confidence is worth, if that was measured.
+    confidence_noise: Option<ConfidenceNoise>,
+    /// Corrections of depth by frame index, where there are any.
+    depth_corrections: BTreeMap<usize, DepthCorrection>,
     stored_depth_size: Option<ImageSize>,
     /// Whether depth images, of a size of their own, show what their colour images show.
     depth_has_color_view: bool,
@@ -236,6 +245,20 @@ impl Sequence {
         self.fitted_poses.extend(poses);
     }
 
+    /// Corrects the depth of frames, by frame index, from now on: what is loaded is corrected.
+    pub fn set_depth_corrections(
+        &mut self,
+        corrections: impl IntoIterator<Item = (usize, DepthCorrection)>,
+    ) {
+        self.depth_corrections.extend(corrections);
+    }
+
+    /// The correction of the depth of a frame.
+    pub fn depth_correction(&self, index: usize) -> DepthCorrection {
+        let correction = self.depth_corrections.get(&index);
+        correction.copied().unwrap_or_default()
+    }
+
     /// The pose with which a frame is matched with others.
     ///
     /// # Panics
@@ -251,6 +274,10 @@ impl Sequence {
         self.fitted_poses = std::mem::take(&mut self.fitted_poses)
             .into_iter()
             .filter_map(|(index, pose)| Some((indices.binary_search(&index).ok()?, pose)))
+            .collect();
+        self.depth_corrections = std::mem::take(&mut self.depth_corrections)
+            .into_iter()
+            .filter_map(|(index, one)| Some((indices.binary_search(&index).ok()?, one)))
             .collect();
         let mut index = 0;
         self.frames.retain(|_| {
