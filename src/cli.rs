@@ -21,7 +21,7 @@ use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use compare::CompareArgs;
-pub use convert::{ConvertArgs, Target};
+pub use convert::{ConvertArgs, RecordingErrors, Target, WrongPixels};
 pub use diff::DiffArgs;
 pub use evaluate::{AlignBy, EvaluateArgs};
 pub use mesh::{KnownOptions, MeshArgs};

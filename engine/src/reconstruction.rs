@@ -356,7 +356,7 @@ impl Reconstruction {
         let recording = &self.recording;
         let frames = recording.sequence.frames();
         let is_tracked = recording.is_tracked && recording.source == Source::Lines;
-        if is_tracked || recording.poses.is_some_and(|poses| poses.is_corrected) {
+        if is_tracked || recording.has_corrected_poses() {
             let pose = |&frame: &usize| (frame, frames[frame].world_from_camera);
             return Some(recording.keyframes.iter().map(pose).collect());
         }

@@ -2,11 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
-use super::calibration::{CalibratedCamera, Calibration, DepthGeometry, ImageSize, resized};
+use super::calibration::{
+    CalibratedCamera, Calibration, ConfidenceImages, DepthGeometry, ImageSize, resized,
+};
 use super::color_sizes::{
     FirstSize, assumed_camera, check_color_size, first_size, frames_of_size, orientation_warning,
 };
@@ -127,10 +130,7 @@ pub(super) fn assemble(
             depth_has_color_view,
         ));
         if let Some(confidence) = &calibration.confidence {
-            conventions.push(format!(
-                "confidence: {}, classes of which the lowest (0) is left out of depth",
-                confidence.folder.display()
-            ));
+            conventions.push(describe_confidence(confidence));
         }
         (Some(depth), map)
     } else {
@@ -166,6 +166,9 @@ pub(super) fn assemble(
         depth,
         sigma_folder: calibration.sigma.map(|sigma| folder.join(sigma)),
         confidence: calibration.confidence,
+        confidence_bounds: OnceLock::new(),
+        confidence_noise: None,
+        depth_corrections: BTreeMap::new(),
         stored_depth_size: calibration
             .depth
             .as_ref()
@@ -322,4 +325,18 @@ fn posed(
             (posed, recorded)
         })
         .unzip()
+}
+
+fn describe_confidence(confidence: &ConfidenceImages) -> String {
+    match confidence {
+        ConfidenceImages::Classes { folder, .. } => format!(
+            "confidence: {}, classes; a surface weighs each by how far keyframes disagree about it, and leaves out what carries nothing \
+             (else the lowest, 0)",
+            folder.display()
+        ),
+        ConfidenceImages::Values { folder, .. } => {
+            format!("confidence: {}, values, taken in ranks", folder.display())
+        }
+        ConfidenceImages::Array => "confidence: conf.npy, values, taken in ranks".to_owned(),
+    }
 }

@@ -116,19 +116,28 @@ pub(super) struct DepthGeometry {
     pub(super) color_from_depth: Isometry3<f64>,
 }
 
-/// Images with the confidence of depth images, which have the same name.
+/// Images with the confidence of depth images.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct ConfidenceImages {
-    /// Their folder.
-    pub(super) folder: PathBuf,
-    pub(super) extension: &'static str,
+pub(super) enum ConfidenceImages {
+    /// Classes, in images of the names of the depth images.
+    Classes {
+        folder: PathBuf,
+        extension: &'static str,
+    },
+    /// Values without classes, larger for better depth, in images of the names of the depth images.
+    Values {
+        folder: PathBuf,
+        extension: &'static str,
+    },
+    /// Values without classes in the array `conf.npy`, which lies beside `depth.npy`.
+    Array,
 }
 
 impl ConfidenceImages {
     /// The images of a folder `confidence`, if it is there.
     pub(super) fn beside(root: &Path) -> Option<Self> {
         let folder = root.join("confidence");
-        folder.is_dir().then_some(Self {
+        folder.is_dir().then_some(Self::Classes {
             folder,
             extension: "png",
         })
@@ -136,11 +145,24 @@ impl ConfidenceImages {
 
     /// The image of a depth image, if there is one.
     pub(super) fn of_depth(&self, depth: &Path) -> Option<PathBuf> {
+        let (Self::Classes { folder, extension } | Self::Values { folder, extension }) = self
+        else {
+            let replaced = depth.components().map(|part| match part.as_os_str() {
+                name if name == "depth.npy" => "conf.npy".as_ref(),
+                name => name,
+            });
+            return Some(replaced.collect());
+        };
         let mut name = depth.file_stem()?.to_owned();
         name.push(".");
-        name.push(self.extension);
-        let path = self.folder.join(name);
+        name.push(extension);
+        let path = folder.join(name);
         (path.is_file() || file_of(&path).is_file()).then_some(path)
+    }
+
+    /// Whether their pixels are classes.
+    pub(super) fn has_classes(&self) -> bool {
+        matches!(self, Self::Classes { .. })
     }
 }
 

@@ -39,6 +39,7 @@ mod warning;
 mod yaml;
 
 pub use calibration::ImageSize;
+pub use confidence::{ClassNoise, DepthClasses};
 pub use error::{FrameError, SequenceError};
 pub use inspect::{
     CameraFacts, DepthConsistency, DepthFacts, DepthHypothesis, EpipolarFacts, EpipolarHypothesis,

@@ -14,7 +14,7 @@ use super::depth_image::{RawDepth, decode_depth};
 use super::image_file::{decode, gray_of, size_error, undecodable};
 use super::layout::IMAGE_EXTENSIONS;
 use super::undistortion::{Undistortion, undistortion_map};
-use super::{DepthCalibration, FrameError, Sequence};
+use super::{DepthCalibration, DepthClasses, FrameError, Sequence};
 
 /// Depth z of each pixel in pose units; 0 where unknown.
 pub type DepthImage = Plane<f32>;
@@ -147,10 +147,94 @@ impl Sequence {
             return Ok(None);
         };
         let mut depth = self.depth_values(path, calibration)?;
-        self.leave_out_lowest_confidence(path, &mut depth)?;
+        self.leave_out_uncertain(path, &mut depth)?;
         let removed = remove_unmeasurable(depth.samples_mut());
-        let depth = self.undistorted_depth(index, path, calibration, depth)?;
+        let mut depth = self.undistorted_depth(index, path, calibration, depth)?;
+        if let Some(correction) = self.depth_corrections.get(&index) {
+            correction.apply(depth.samples_mut());
+        }
         Ok(Some((depth, removed)))
+    }
+
+    /// The depth image of a frame of which nothing is left out, with the class of confidence of each pixel; `None` if it has no depth.
+    /// A sequence or frame without confidence has no classes.
+    ///
+    /// # Errors
+    /// As [`Sequence::load_depth`].
+    ///
+    /// # Panics
+    /// If the index is out of range.
+    pub fn load_depth_classes(
+        &self,
+        index: usize,
+    ) -> Result<Option<(DepthImage, Option<DepthClasses>)>, FrameError> {
+        let (Some(path), Some(calibration)) = (&self.frames[index].depth, &self.depth) else {
+            return Ok(None);
+        };
+        let mut depth = self.depth_values(path, calibration)?;
+        remove_unmeasurable(depth.samples_mut());
+        let classes = self.confidence_classes(path, &depth)?;
+        let classes = classes
+            .map(|classes| self.undistorted_classes(index, path, calibration, &classes))
+            .transpose()?;
+        let mut depth = self.undistorted_depth(index, path, calibration, depth)?;
+        if let Some(correction) = self.depth_corrections.get(&index) {
+            correction.apply(depth.samples_mut());
+        }
+        Ok(Some((depth, classes)))
+    }
+
+    /// Standard deviation of each depth of a frame beyond the noise of the camera, as a share of the depth, by its class of
+    /// [confidence](Self::set_class_noise). `None` if no class has any, or the frame has no confidence.
+    ///
+    /// # Errors
+    /// As [`Sequence::load_depth`].
+    ///
+    /// # Panics
+    /// If the index is out of range.
+    pub fn load_depth_excess(&self, index: usize) -> Result<Option<DepthImage>, FrameError> {
+        let frame = self.frames[index].depth.as_ref().zip(self.depth.as_ref());
+        let noise = self.confidence_noise.as_ref();
+        let (Some((path, calibration)), Some(noise)) = (frame, noise.filter(|it| it.is_any()))
+        else {
+            return Ok(None);
+        };
+        let depth = self.depth_values(path, calibration)?;
+        let Some(classes) = self.confidence_classes(path, &depth)? else {
+            return Ok(None);
+        };
+        let classes = self.undistorted_classes(index, path, calibration, &classes)?;
+        let excess = classes.samples().iter().map(|class| noise.of(*class));
+        let excess = excess.map(|excess| excess.unwrap_or(0.0)).collect();
+        Plane::new(classes.width(), classes.height(), excess)
+            .map(Some)
+            .map_err(|error| undecodable(path, error.to_string()))
+    }
+
+    /// Classes in the geometry of the loaded depth.
+    fn undistorted_classes(
+        &self,
+        index: usize,
+        path: &Path,
+        calibration: &DepthCalibration,
+        classes: &DepthClasses,
+    ) -> Result<DepthClasses, FrameError> {
+        let failed =
+            |error: linecarve_lines::image::ImageError| undecodable(path, error.to_string());
+        let (width, height) = (classes.width(), classes.height());
+        // Resampled like depth, of which 0 is unknown.
+        let shifted = classes
+            .samples()
+            .iter()
+            .map(|class| f32::from(*class) + 1.0);
+        let plane = Plane::new(width, height, shifted.collect()).map_err(failed)?;
+        let resampled = self.undistorted_depth(index, path, calibration, plane)?;
+        let (width, height) = (resampled.width(), resampled.height());
+        let classes = resampled
+            .samples()
+            .iter()
+            .map(|value| (value - 1.0).round() as u8);
+        DepthClasses::new(width, height, classes.collect()).map_err(failed)
     }
 
     /// Loads the standard deviation of each depth of a frame, in pose units, like its depth image; `None` if the frame has no
@@ -170,8 +254,15 @@ impl Sequence {
             stem: stem.clone(),
         })?;
         let sigma = self.depth_values(&path, calibration)?;
-        self.undistorted_depth(index, &path, calibration, sigma)
-            .map(Some)
+        let mut sigma = self.undistorted_depth(index, &path, calibration, sigma)?;
+        if let Some(correction) = self.depth_corrections.get(&index) {
+            let given = self.depth_values(depth, calibration)?;
+            let given = self.undistorted_depth(index, depth, calibration, given)?;
+            for (sigma, depth) in sigma.samples_mut().iter_mut().zip(given.samples()) {
+                *sigma *= correction.slope(f64::from(*depth)) as f32;
+            }
+        }
+        Ok(Some(sigma))
     }
 
     /// The depth image of a frame, and the path of its standard deviations without the extension.

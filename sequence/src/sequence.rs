@@ -2,12 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::OnceLock;
 
 use linecarve_lines::camera::{Camera, CameraCorrection, CameraError};
-use linecarve_lines::depth::{DepthSensor, SensorNoise};
+use linecarve_lines::depth::{DepthCorrection, DepthSensor, SensorNoise};
 use nalgebra::Isometry3;
 
 use super::calibration::{ConfidenceImages, ImageSize};
+use super::confidence::ConfidenceNoise;
 use super::container::Containers;
 use super::downsampling::Downsampling;
 use super::pose_convention::{Extrinsics, PoseConvention, QuaternionOrder};
@@ -99,6 +101,12 @@ pub struct Sequence {
     pub(super) sigma_folder: Option<PathBuf>,
     /// Images with the confidence of each depth.
     pub(super) confidence: Option<ConfidenceImages>,
+    /// Bounds of the ranks of confidence without classes, once they are asked for.
+    pub(super) confidence_bounds: OnceLock<Vec<f32>>,
+    /// What each class of confidence is worth, if that was measured.
+    pub(super) confidence_noise: Option<ConfidenceNoise>,
+    /// Corrections of depth by frame index, where there are any.
+    pub(super) depth_corrections: BTreeMap<usize, DepthCorrection>,
     pub(super) stored_depth_size: Option<ImageSize>,
     /// Whether depth images, of a size of their own, show what their colour images show.
     pub(super) depth_has_color_view: bool,
@@ -178,6 +186,20 @@ impl Sequence {
         self.fitted_poses.extend(poses);
     }
 
+    /// Corrects the depth of frames, by frame index, from now on: what is loaded is corrected.
+    pub fn set_depth_corrections(
+        &mut self,
+        corrections: impl IntoIterator<Item = (usize, DepthCorrection)>,
+    ) {
+        self.depth_corrections.extend(corrections);
+    }
+
+    /// The correction of the depth of a frame.
+    pub fn depth_correction(&self, index: usize) -> DepthCorrection {
+        let correction = self.depth_corrections.get(&index);
+        correction.copied().unwrap_or_default()
+    }
+
     /// The pose with which a frame is matched with others.
     ///
     /// # Panics
@@ -193,6 +215,10 @@ impl Sequence {
         self.fitted_poses = std::mem::take(&mut self.fitted_poses)
             .into_iter()
             .filter_map(|(index, pose)| Some((indices.binary_search(&index).ok()?, pose)))
+            .collect();
+        self.depth_corrections = std::mem::take(&mut self.depth_corrections)
+            .into_iter()
+            .filter_map(|(index, one)| Some((indices.binary_search(&index).ok()?, one)))
             .collect();
         let mut index = 0;
         self.frames.retain(|_| {

@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use super::ranges::number;
+
 /// Arguments of `convert`.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
@@ -34,6 +36,54 @@ pub struct ConvertArgs {
     /// Calibration in place of what the layout says.
     #[arg(long, value_name = "FILE")]
     pub calibration: Option<PathBuf>,
+
+    /// Errors of a recording that is written.
+    #[command(flatten)]
+    pub errors: RecordingErrors,
+}
+
+/// Errors that a recording is written with, to try what a reconstruction makes of them.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Errors of recordings, for tests")]
+pub struct RecordingErrors {
+    /// Largest error of the scale of each depth image, to either side: 0.1 for 0.9 to 1.1.
+    #[arg(long, value_name = "SHARE", value_parser = number(0.0..=0.9), default_value_t = 0.0)]
+    pub error_scale: f64,
+
+    /// Largest shift of each depth image, to either side, in units of the poses.
+    #[arg(long, value_name = "LENGTH", value_parser = number(0.0..=1e9), default_value_t = 0.0)]
+    pub error_shift: f64,
+
+    /// RMS error of positions, in units of the poses.
+    #[arg(long, value_name = "LENGTH", value_parser = number(0.0..=1e9), default_value_t = 0.0)]
+    pub error_position: f64,
+
+    /// RMS error of rotations.
+    #[arg(long, value_name = "DEGREES", value_parser = number(0.0..=90.0), default_value_t = 0.0)]
+    pub error_rotation: f64,
+
+    /// Share of the pixels whose depth is wrong by 40 %, in blocks of 8 x 8.
+    #[arg(long, value_name = "SHARE", value_parser = number(0.0..=1.0), default_value_t = 0.0)]
+    pub error_pixels: f64,
+
+    /// How these pixels are written; confidence with --to stray-scanner and --to depth-anything-3.
+    #[arg(long, value_enum, value_name = "HOW", default_value_t = WrongPixels::Unmarked)]
+    pub error_marks: WrongPixels,
+
+    /// Seed of the errors.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub error_seed: u64,
+}
+
+/// How pixels with wrong depth are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum WrongPixels {
+    /// Like all others.
+    Unmarked,
+    /// With the lowest class of confidence.
+    Confidence,
+    /// As unknown.
+    Unknown,
 }
 
 /// Formats that `convert` writes.

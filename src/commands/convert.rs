@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 
-use crate::cli::{ConvertArgs, SequenceArgs, Target};
+use crate::cli::{ConvertArgs, RecordingErrors, SequenceArgs, Target, WrongPixels};
 use crate::commands::Outcome;
 use crate::commands::convert_geometry::convert_geometry;
 use crate::commands::input::open;
@@ -13,8 +13,8 @@ use crate::sinks::keep_apart;
 use crate::standard_error::say;
 use linecarve_sequence::Sequence;
 use linecarve_sequence::export::{
-    RecordingLayout, TrajectoryFormat, posed_images, write_colmap, write_recording,
-    write_trajectory, write_transforms,
+    Disturbance, RecordingLayout, TrajectoryFormat, WrongDepth, posed_images, write_colmap,
+    write_disturbed_recording, write_trajectory, write_transforms,
 };
 
 pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
@@ -49,7 +49,23 @@ pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Ou
              --calibration without that table"
         );
     }
-    convert_sequence(&sequence, &args.out, target)
+    convert_sequence(&sequence, &args.out, target, &disturbance(&args.errors))
+}
+
+fn disturbance(errors: &RecordingErrors) -> Disturbance {
+    Disturbance {
+        scale: errors.error_scale,
+        shift: errors.error_shift,
+        translation: errors.error_position,
+        rotation: errors.error_rotation.to_radians(),
+        wrong: errors.error_pixels,
+        wrong_depth: match errors.error_marks {
+            WrongPixels::Unmarked => WrongDepth::Unmarked,
+            WrongPixels::Confidence => WrongDepth::Marked,
+            WrongPixels::Unknown => WrongDepth::Unknown,
+        },
+        seed: errors.error_seed,
+    }
 }
 
 /// The format that the extension of the output asks for.
@@ -88,7 +104,12 @@ fn recording_layout(target: Target) -> Option<RecordingLayout> {
     })
 }
 
-fn convert_sequence(sequence: &Sequence, out: &Path, target: Target) -> anyhow::Result<Outcome> {
+fn convert_sequence(
+    sequence: &Sequence,
+    out: &Path,
+    target: Target,
+    disturbance: &Disturbance,
+) -> anyhow::Result<Outcome> {
     if sequence.frames().is_empty() && target != Target::Colmap {
         return Ok(Outcome::Negative(
             "the images of the model are not there, and without images there is no trajectory (--to colmap writes all views)"
@@ -97,7 +118,7 @@ fn convert_sequence(sequence: &Sequence, out: &Path, target: Target) -> anyhow::
     }
     if let Some(layout) = recording_layout(target) {
         keep_apart(out, sequence.folder())?;
-        write_recording(out, sequence, layout)?;
+        write_disturbed_recording(out, sequence, layout, disturbance)?;
         return Ok(Outcome::Done);
     }
     let format = match target {

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use linecarve_mesh::files::{WriteError, write_atomically};
 
-use linecarve_engine::front_end::PoseSummary;
+use linecarve_engine::front_end::{ClassSummary, LayerSummary, PoseSummary};
 pub use linecarve_engine::run::StageTimes;
 
 /// The report of a run. Counts and parameters are reproducible; durations and memory are not.
@@ -64,6 +64,12 @@ pub struct SequenceSummary {
     /// Difference of poses and images, when it was estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub poses: Option<PoseSummary>,
+    /// How the depth images of keyframes agree with each other, when they were compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub layers: Option<LayerSummary>,
+    /// What each class of confidence of depth images is worth.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub confidence: Vec<ClassSummary>,
 }
 
 /// Counts and durations of one keyframe.

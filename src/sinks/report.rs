@@ -94,6 +94,8 @@ impl RunLog {
                     origin: recording.origin.into(),
                     up: recording.gltf_frame().up().into(),
                     poses: recording.poses,
+                    layers: recording.layers,
+                    confidence: recording.confidence.clone(),
                 },
                 preset: recording.options.preset(),
                 parameters: Configuration::of(&recording.options),

@@ -32,6 +32,9 @@ mod subpixel;
 mod tracker;
 mod verification;
 
+pub use dense::layers::{
+    DepthLayer, LayerAlignment, LayerModel, LayerPlacement, align_layers, compare_layers,
+};
 pub use finish::{FramePose, Submap, TrackedRecording};
 pub use frame::{FrameDetector, FrameFeatures};
 pub use options::{TrackingOptions, TrackingOptionsError};

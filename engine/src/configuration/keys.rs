@@ -108,9 +108,9 @@ table! {
 }
 
 table! {
-    /// Correction of poses by the images, where depth or points come from images.
+    /// Correction of poses by the images, and of poses and depth by the depth images.
     ["pose_correction"] PoseCorrectionTable {
-        /// Whether poses are corrected where the images contradict them.
+        /// Whether poses are corrected where the images contradict them, and poses and depth where depth images contradict each other.
         /// Set it to false for poses that are exact or that must not change.
         enabled: bool = pose_correction.enabled, FLAG;
         /// Whether focal lengths, principal point and distortion are corrected where that explains the images, if the calibration calls

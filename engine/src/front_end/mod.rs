@@ -4,6 +4,8 @@
 //! results do not depend on the number of threads.
 
 mod colors;
+mod confidence_noise;
+mod depth_layers;
 mod depth_source;
 mod edge_points;
 mod error;
@@ -29,6 +31,10 @@ use serde::de::DeserializeOwned;
 use crate::run::Checkpoint;
 
 pub use colors::KeyframeColors;
+pub use confidence_noise::ClassSummary;
+pub use depth_layers::{
+    KeyframeDepth, LayerSummary, class_noise, measure_confidence, read_keyframe_depth,
+};
 pub use depth_source::{DepthSource, SemiDenseSource};
 pub use edge_points::EdgePoint;
 pub use error::FrontEndError;

@@ -6,7 +6,7 @@ use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::DepthSensor;
 use linecarve_lines::image::{GrayImage, Plane};
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
-use linecarve_sequence::{ColorImage, Sequence};
+use linecarve_sequence::{ColorImage, DepthImage, Sequence};
 use nalgebra::Isometry3;
 
 use super::colors::KeyframeColors;
@@ -64,6 +64,17 @@ impl SensorFrontEnd {
         )
     }
 
+    /// Standard deviation of each depth: that of the sensor, and what exceeds it as a share of the depth.
+    fn deviations(&self, depth: &DepthImage, mut excess: DepthImage) -> DepthImage {
+        let pairs = excess.samples_mut().iter_mut().zip(depth.samples());
+        for (excess, &z) in pairs.filter(|(_, z)| **z > 0.0) {
+            let z = f64::from(z);
+            let relative = (self.sensor.noise.sigma(1.0 / z) * z).hypot(f64::from(*excess));
+            *excess = (relative * z) as f32;
+        }
+        excess
+    }
+
     /// Loads one frame and extracts its segments, which carry the number `keyframe`.
     ///
     /// # Errors
@@ -80,7 +91,13 @@ impl SensorFrontEnd {
         let (depth, unmeasurable) = sequence
             .load_depth_counted(frame)?
             .ok_or_else(|| FrontEndError::WithoutDepth { frame: name() })?;
-        let sigma = sequence.load_depth_sigma(frame)?;
+        let sigma = match sequence.load_depth_sigma(frame)? {
+            Some(sigma) => Some(sigma),
+            None => {
+                let excess = sequence.load_depth_excess(frame)?;
+                excess.map(|excess| self.deviations(&depth, excess))
+            }
+        };
         let images = KeyframeImages {
             gray: &image,
             color: &color,

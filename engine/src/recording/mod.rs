@@ -2,20 +2,22 @@
 
 mod fit;
 mod input;
+mod layers;
 mod origin;
 mod precision;
 mod prepared;
 
 use std::sync::Arc;
 
+use linecarve_lines::depth::DepthCorrection;
 use linecarve_mesh::GltfFrame;
 use linecarve_mesh::render::up_direction;
 use linecarve_sequence::{Sequence, SparseModel, every_nth, read_keyframe_list, select_keyframes};
 use nalgebra::{Isometry3, Vector3};
 
 use crate::front_end::{
-    DepthSource, PoseSummary, SemiDenseSource, median_depth_from_images, median_feature_depth,
-    median_scene_depth,
+    ClassSummary, DepthSource, LayerSummary, PoseSummary, SemiDenseSource,
+    median_depth_from_images, median_feature_depth, median_scene_depth,
 };
 use crate::options::Options;
 use crate::questions::{ROLES_OF_SURFACE, ask};
@@ -47,6 +49,10 @@ pub struct Recording {
     pub origin: Vector3<f64>,
     /// How far poses and images disagree, when depth comes from the images.
     pub poses: Option<PoseSummary>,
+    /// How the depth images of keyframes agree with each other, when they were compared.
+    pub layers: Option<LayerSummary>,
+    /// What each class of confidence of depth images is worth; empty without confidence.
+    pub confidence: Vec<ClassSummary>,
     /// The model that is carved, in the frame of computation. It is moved here from the sequence, and the map shares it.
     pub model: Option<Arc<SparseModel>>,
     /// Up in the frame of the poses, if it was given.
@@ -95,6 +101,8 @@ impl Recording {
             median_depth: None,
             origin: Vector3::zeros(),
             poses: None,
+            layers: None,
+            confidence: Vec::new(),
             model: None,
             up: input.up.map(Vector3::from),
         };
@@ -122,6 +130,9 @@ impl Recording {
         let is_semi_dense = matches!(self.depth, Some(DepthSource::SemiDense(_)));
         if is_semi_dense && self.options.pose_correction.enabled {
             self.correct_poses(&input.progress)?;
+        }
+        if !is_semi_dense {
+            self.compare_depth(&input.progress)?;
         }
         self.choose_origin(median_depth);
         Ok(())
@@ -287,6 +298,9 @@ impl Recording {
             self.sequence.stored_color_camera(),
             self.sequence.depth_calibration(),
         );
+        for class in &self.confidence {
+            text += &format!("confidence {} {:?}\n", class.class, class.excess);
+        }
         let mut files = Vec::new();
         for (number, frame) in self.keyframes.iter().enumerate() {
             let index = *frame;
@@ -307,6 +321,10 @@ impl Recording {
             let camera = self.sequence.stored_camera(index);
             if camera != self.sequence.stored_color_camera() {
                 text += &format!(" with {camera:?}");
+            }
+            let correction = self.sequence.depth_correction(index);
+            if correction != DepthCorrection::IDENTITY {
+                text += &format!(" with {correction:?}");
             }
             text.push('\n');
         }

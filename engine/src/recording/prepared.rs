@@ -166,6 +166,8 @@ impl PreparedRecording {
             median_depth: self.median_depth,
             origin: Vector3::from(self.origin),
             poses: None,
+            layers: None,
+            confidence: Vec::new(),
             model: None,
             up: None,
             is_tracked: false,

@@ -108,6 +108,8 @@ impl<'a> Output<'a> {
                 median_depth: recording.median_depth.unwrap_or(0.0),
                 origin: recording.origin.into(),
                 up: recording.gltf_frame().up().into(),
+                layers: None,
+                confidence: Vec::new(),
                 poses: recording.poses,
             },
             preset: recording.options.preset(),

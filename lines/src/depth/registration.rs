@@ -5,11 +5,13 @@
 //! cameras of similar focal length, is interpolated there in the block; others go through [`fill_cell`].
 
 mod cell;
+mod deviations;
 mod row;
 
 use nalgebra::Isometry3;
 
 use self::cell::{CellBlock, fill_cell};
+pub(super) use self::deviations::DepthDeviations;
 use self::row::{BLOCK, DepthToColor, NearestPixel, ProjectedRow};
 use super::sensor::SensorNoise;
 use crate::camera::Camera;

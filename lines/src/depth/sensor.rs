@@ -3,7 +3,7 @@
 use nalgebra::Isometry3;
 use thiserror::Error;
 
-use super::registration::{Registration, register};
+use super::registration::{DepthDeviations, Registration, register};
 use crate::camera::Camera;
 use crate::image::{ImageError, Plane};
 use crate::inverse_depth::{InverseDepth, InverseDepthMap, UNKNOWN};
@@ -102,12 +102,21 @@ pub enum SensorError {
         /// Height of the colour image.
         color_height: usize,
     },
-    /// Standard deviations come with depth that is not registered.
+    /// Depth and its standard deviations differ in size.
     #[error(
-        "depth with a standard deviation for each pixel must be registered to the colour images; register both, or leave out the \
-         standard deviations"
+        "the depth image is {depth_width} x {depth_height}, its standard deviations {sigma_width} x {sigma_height}: \
+         both must have the same size"
     )]
-    SigmaNotRegistered,
+    SigmaSize {
+        /// Width of the depth image.
+        depth_width: usize,
+        /// Height of the depth image.
+        depth_height: usize,
+        /// Width of the standard deviations.
+        sigma_width: usize,
+        /// Height of the standard deviations.
+        sigma_height: usize,
+    },
     /// A camera has lens distortion.
     #[error("the {which} camera has lens distortion; undistort its images first")]
     Distorted {
@@ -177,12 +186,15 @@ impl DepthSensor {
         Ok(InverseDepthMap::new(width, height, samples)?)
     }
 
-    /// [`inverse_depth`](Self::inverse_depth) of a registered depth image with the standard deviation of each depth, in units of the
+    /// [`inverse_depth`](Self::inverse_depth) of a depth image with the standard deviation of each depth, in units of the
     /// poses, in place of that of the sensor. Where it is 0, negative, not finite or as large as the depth, the depth is
     /// unknown.
     ///
+    /// Depth that is not registered is projected as a surface; a colour pixel has the largest relative deviation of the four depth pixels
+    /// around it.
+    ///
     /// # Errors
-    /// As [`inverse_depth`](Self::inverse_depth), and when depth is not registered or the two images differ in size.
+    /// As [`inverse_depth`](Self::inverse_depth), and when the two images differ in size.
     pub fn inverse_depth_with_sigma(
         &self,
         depth: &Plane<f32>,
@@ -191,11 +203,17 @@ impl DepthSensor {
         width: usize,
         height: usize,
     ) -> Result<InverseDepthMap, SensorError> {
-        if !self.is_registered {
-            return Err(SensorError::SigmaNotRegistered);
+        self.check(depth, color, width, height)?;
+        if (depth.width(), depth.height()) != (sigma.width(), sigma.height()) {
+            return Err(SensorError::SigmaSize {
+                depth_width: depth.width(),
+                depth_height: depth.height(),
+                sigma_width: sigma.width(),
+                sigma_height: sigma.height(),
+            });
         }
-        for image in [depth, sigma] {
-            self.check(image, color, width, height)?;
+        if !self.is_registered {
+            return self.registered_with_sigma(depth, sigma, color, width, height);
         }
         let pairs = depth.samples().iter().zip(sigma.samples());
         let samples = pairs
@@ -208,6 +226,38 @@ impl DepthSensor {
                     .unwrap_or(UNKNOWN)
             })
             .collect();
+        Ok(InverseDepthMap::new(width, height, samples)?)
+    }
+
+    /// [`inverse_depth_with_sigma`](Self::inverse_depth_with_sigma) of depth that is not registered.
+    fn registered_with_sigma(
+        &self,
+        depth: &Plane<f32>,
+        sigma: &Plane<f32>,
+        color: &Camera,
+        width: usize,
+        height: usize,
+    ) -> Result<InverseDepthMap, SensorError> {
+        let is_known = |z: f32, sigma: f32| z > 0.0 && sigma > 0.0 && sigma < z;
+        let pairs = depth.samples().iter().zip(sigma.samples());
+        let known = pairs.map(|(&z, &sigma)| if is_known(z, sigma) { z } else { 0.0 });
+        let known = Plane::new(depth.width(), depth.height(), known.collect())?;
+        let registration = Registration {
+            depth_camera: &self.camera,
+            color_camera: color,
+            color_from_depth: &self.color_from_depth,
+            noise: &self.noise,
+        };
+        let mut samples = register(&known, &registration, width, height);
+        let deviations = DepthDeviations::new(&registration, &known, sigma);
+        for (index, sample) in samples.iter_mut().enumerate() {
+            if sample.rho > 0.0 {
+                let relative = deviations.relative(index % width, index / width, sample.rho);
+                let measured = relative
+                    .and_then(|relative| InverseDepth::new(sample.rho, relative * sample.rho));
+                *sample = measured.unwrap_or(UNKNOWN);
+            }
+        }
         Ok(InverseDepthMap::new(width, height, samples)?)
     }
 
@@ -325,13 +375,44 @@ mod tests {
         let small = Plane::new(20, 30, vec![0.04; 600]).unwrap();
         assert!(matches!(
             measure(&sensor, &small),
-            Err(SensorError::Size { .. })
+            Err(SensorError::SigmaSize { .. })
         ));
+        // Registered by its geometry, the deviations follow.
         sensor.is_registered = false;
-        assert_eq!(
-            measure(&sensor, &sigma),
-            Err(SensorError::SigmaNotRegistered)
-        );
+        let map = measure(&sensor, &sigma).unwrap();
+        assert!((0..3).all(|x| map.get(x, 0).is_none()));
+        let known = map.get(20, 10).unwrap();
+        assert!((known.rho - 0.5).abs() < 1e-6 && (known.sigma - 0.01).abs() < 1e-6);
+    }
+
+    #[test]
+    fn deviations_are_seen_from_the_colour_camera() {
+        // Depth of half the size, 10 cm to the left; its right half is ten times less certain.
+        let noise = SensorNoise::relative_at(0.003, 2.0, 0.0);
+        let color = Camera::pinhole(100.0, 100.0, 39.5, 29.5).unwrap();
+        let sensor = DepthSensor {
+            camera: camera(),
+            color_from_depth: Isometry3::translation(-0.1, 0.0, 0.0),
+            is_registered: false,
+            noise,
+        };
+        let depth = Plane::new(40, 30, vec![2.0; 1200]).unwrap();
+        let sigma = (0..1200).map(|at| if at % 40 < 20 { 0.01 } else { 0.1 });
+        let sigma = Plane::new(40, 30, sigma.collect()).unwrap();
+        let map = sensor
+            .inverse_depth_with_sigma(&depth, &sigma, &color, 80, 60)
+            .unwrap();
+        let plain = sensor.inverse_depth(&depth, &color, 80, 60).unwrap();
+        assert_eq!(map.known_count(), plain.known_count());
+        // The border between columns 19 and 20 of depth, 39 of colour, is seen 0.1 * 100 / 2 = 5 pixels to the left.
+        for (x, relative) in [(5, 0.005), (30, 0.005), (32, 0.05), (36, 0.05), (60, 0.05)] {
+            let sample = map.get(x, 30).unwrap();
+            assert_eq!(Some(sample.rho), plain.get(x, 30).map(|it| it.rho));
+            assert!(
+                (sample.sigma / sample.rho - relative).abs() < 1e-6,
+                "{x}: {sample:?}"
+            );
+        }
     }
 
     #[test]

@@ -11,6 +11,9 @@ mod transforms;
 
 pub use colmap::{ColmapError, write_colmap};
 pub use posed::{PosedImage, posed_images};
-pub use recording::{RecordingError, RecordingLayout, write_recording};
+pub use recording::{
+    Disturbance, RecordingError, RecordingLayout, WrongDepth, write_disturbed_recording,
+    write_recording,
+};
 pub use trajectory::{TrajectoryFormat, write_trajectory};
 pub use transforms::{TransformsError, write_transforms};

@@ -7,6 +7,7 @@ mod arkit_scenes;
 mod arrays;
 mod colmap_dense;
 mod depth_anything;
+mod disturbance;
 mod loose;
 mod mvsnet;
 mod polycam;
@@ -21,6 +22,7 @@ use std::path::{Path, PathBuf};
 use linecarve_mesh::files::WriteError;
 
 use crate::{FrameError, Sequence};
+pub use disturbance::{Disturbance, WrongDepth};
 use loose::DepthFormat;
 use source::Source;
 
@@ -103,7 +105,20 @@ pub fn write_recording(
     sequence: &Sequence,
     layout: RecordingLayout,
 ) -> Result<(), RecordingError> {
-    let source = Source::new(sequence, out)?;
+    write_disturbed_recording(out, sequence, layout, &Disturbance::default())
+}
+
+/// As [`write_recording`], with errors of poses and depth. Confidence is written for Stray Scanner and Depth Anything 3 alone.
+///
+/// # Errors
+/// As [`write_recording`].
+pub fn write_disturbed_recording(
+    out: &Path,
+    sequence: &Sequence,
+    layout: RecordingLayout,
+    disturbance: &Disturbance,
+) -> Result<(), RecordingError> {
+    let source = Source::new(sequence, out, disturbance)?;
     match layout {
         RecordingLayout::StrayScanner => stray_scanner::write(&source),
         RecordingLayout::Record3d => record3d::write(&source),

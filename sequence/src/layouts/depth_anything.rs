@@ -10,7 +10,9 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
 
-use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, resized};
+use super::super::calibration::{
+    CalibratedCamera, Calibration, ConfidenceImages, ImageSize, resized,
+};
 use super::super::image_file::image_size;
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording};
 use super::super::npy::{NpyType, numbers};
@@ -21,6 +23,9 @@ use super::images;
 
 /// Reader of Depth Anything 3.
 pub(in super::super) struct DepthAnything;
+
+/// Array with the confidence of each depth.
+const CONFIDENCE: &str = "conf";
 
 const RESULTS: &str = "results.npz";
 const EXPORTS: &str = "exports";
@@ -200,7 +205,12 @@ fn read(folder: &Folder, archive: &Path, source: PoseSource) -> Result<Recording
             "has no rigid transform".to_owned(),
         ));
     }
-    let mut recording = Recording::new(frames, calibration(&cameras));
+    let mut calibration = calibration(&cameras);
+    let confidence = container::array_header(&array(archive, CONFIDENCE));
+    calibration.confidence = confidence
+        .is_ok_and(|confidence| confidence.shape == header.shape)
+        .then_some(ConfidenceImages::Array);
+    let mut recording = Recording::new(frames, calibration);
     recording.has_time = false;
     recording.warnings.extend(invalid.into_warning(
         count as usize,

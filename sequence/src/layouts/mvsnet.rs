@@ -7,7 +7,9 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
 
-use super::super::calibration::{CalibratedCamera, Calibration, ImageSize, resized};
+use super::super::calibration::{
+    CalibratedCamera, Calibration, ConfidenceImages, ImageSize, resized,
+};
 use super::super::container::Containers;
 use super::super::depth_image::depth_header;
 use super::super::image_file::image_size;
@@ -38,6 +40,9 @@ const DEPTH: [&str; 5] = [
     "depth_gt",
 ];
 
+/// Folder of the confidence of depth.
+const CONFIDENCE: &str = "confidence";
+
 impl Layout for MvsNet {
     fn name(&self) -> &'static str {
         "mvsnet"
@@ -60,7 +65,7 @@ impl Layout for MvsNet {
         };
         let cameras = camera_folder(folder).ok_or_else(|| missing("cameras"))?;
         let images = folder_of(folder, &IMAGES).ok_or_else(|| missing("images"))?;
-        for name in CAMERAS.iter().chain(&["pair.txt"]) {
+        for name in CAMERAS.iter().chain(&["pair.txt", CONFIDENCE]) {
             folder.claim(name);
         }
         read(folder, &cameras, &images, source)
@@ -152,6 +157,11 @@ fn read(
     }
     let mut calibration = Calibration::of_color(cameras.main());
     calibration.depth_has_color_view = true;
+    let confidence = folder_of(folder, &[CONFIDENCE]);
+    calibration.confidence = confidence.map(|folder| ConfidenceImages::Values {
+        folder,
+        extension: "pfm",
+    });
     let count = frames.len();
     let mut recording = Recording::new(frames, calibration);
     recording.has_time = false;

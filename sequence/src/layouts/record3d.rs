@@ -188,7 +188,7 @@ fn read(root: &Path, source: PoseSource) -> Result<Recording, SequenceError> {
     let mut calibration = Calibration::of_color(Some(cameras.main().unwrap_or(shared)));
     calibration.depth_has_color_view = true;
     // Of the archive as of its members in a folder.
-    calibration.confidence = Some(ConfidenceImages {
+    calibration.confidence = Some(ConfidenceImages::Classes {
         folder: root.join(FOLDERS[0][1]),
         extension: "conf",
     })

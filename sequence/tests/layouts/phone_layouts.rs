@@ -5,7 +5,11 @@
 use std::path::Path;
 
 use image::{DynamicImage, imageops};
-use linecarve_sequence::export::{RecordingLayout, write_recording};
+use linecarve_lines::depth::DepthCorrection;
+use linecarve_sequence::ClassNoise;
+use linecarve_sequence::export::{
+    Disturbance, RecordingLayout, WrongDepth, write_disturbed_recording, write_recording,
+};
 use linecarve_sequence::{OpenOptions, Sequence, contradiction};
 
 use crate::folder_writers::intrinsics_text;
@@ -233,7 +237,10 @@ fn depth_of_the_lowest_confidence_is_left_out() {
         write(SIZE.0, SIZE.1, classes(0, others));
         let sequence = open(folder.path()).unwrap();
         let said = sequence.conventions().join("\n");
-        assert!(said.contains("lowest (0) is left out"), "{said}");
+        assert!(
+            said.contains("confidence: ") && said.contains("(else the lowest, 0)"),
+            "{said}"
+        );
         assert_eq!(
             sequence.load_depth(0).unwrap(),
             before.load_depth(0).unwrap()
@@ -242,10 +249,83 @@ fn depth_of_the_lowest_confidence_is_left_out() {
         let [with, without] = [&sequence, &before].map(|one| one.load_depth(1).unwrap().unwrap());
         assert!(with.row(0).iter().all(|depth| *depth == 0.0), "{layout:?}");
         assert_eq!(with.row(1), without.row(1), "{layout:?}");
+        // What was measured decides.
+        let mut sequence = sequence;
+        let [best, worst] = [others, 0].map(|class| ClassNoise {
+            class,
+            excess: Some(if class == 0 { 0.25 } else { 0.0 }),
+        });
+        sequence.set_class_noise(&[best, worst]);
+        assert_eq!(sequence.load_depth(1).unwrap().as_ref(), Some(&without));
+        let excess = sequence.load_depth_excess(1).unwrap().unwrap();
+        assert!(excess.row(0).iter().all(|excess| *excess == 0.25));
+        assert!(excess.row(1).iter().all(|excess| *excess == 0.0));
+        assert!(sequence.load_depth_excess(0).unwrap().is_none());
+        let (all, classes) = sequence.load_depth_classes(1).unwrap().unwrap();
+        assert_eq!((all, classes.unwrap().row(1)[0]), (without.clone(), others));
+        let worst = ClassNoise {
+            class: others,
+            excess: None,
+        };
+        sequence.set_class_noise(&[worst]);
+        let nothing = sequence.load_depth(1).unwrap().unwrap();
+        assert!(nothing.samples().iter().all(|depth| *depth == 0.0));
+        assert!(sequence.load_depth_excess(1).unwrap().is_none());
         write(2, 1, vec![0, 1]);
         let error = sequence.load_depth(1).unwrap_err().to_string();
         assert!(error.contains("2 x 1, and depth is 64 x 48"), "{error}");
     }
+}
+
+#[test]
+fn confidence_without_classes_is_taken_in_ranks() {
+    let source = open(written(RecordingLayout::Exr).path()).unwrap();
+    let disturbance = Disturbance {
+        wrong: 0.3,
+        wrong_depth: WrongDepth::Marked,
+        ..Disturbance::default()
+    };
+    let folder = folder_with(|folder| {
+        let layout = RecordingLayout::DepthAnything3;
+        write_disturbed_recording(folder, &source, layout, &disturbance).unwrap();
+    });
+    let sequence = open(folder.path()).unwrap();
+    assert!(sequence.has_confidence());
+    assert!(sequence.conventions().join("\n").contains("conf.npy"));
+    // Nothing is left out before it is measured.
+    let (depth, classes) = sequence.load_depth_classes(1).unwrap().unwrap();
+    assert_eq!(sequence.load_depth(1).unwrap(), Some(depth.clone()));
+    let classes = classes.unwrap();
+    let truth = source.load_depth(1).unwrap().unwrap();
+    let pixels = depth.samples().iter().zip(truth.samples());
+    for ((depth, truth), class) in pixels.zip(classes.samples()) {
+        assert_eq!(*class == 0, depth != truth);
+    }
+}
+
+#[test]
+fn corrected_depth_is_loaded_corrected() {
+    let folder = written(RecordingLayout::Exr);
+    let mut sequence = open(folder.path()).unwrap();
+    let given = sequence.load_depth(1).unwrap().unwrap();
+    let correction = DepthCorrection {
+        scale: 1.1,
+        inverse_shift: 0.0,
+        shift: 0.05,
+    };
+    sequence.set_depth_corrections([(1, correction)]);
+    let corrected = sequence.load_depth(1).unwrap().unwrap();
+    for (given, corrected) in given.samples().iter().zip(corrected.samples()) {
+        let expected = if *given > 0.0 {
+            1.1 * given + 0.05
+        } else {
+            0.0
+        };
+        assert!((corrected - expected).abs() < 1e-5);
+    }
+    assert_eq!(sequence.depth_correction(0), DepthCorrection::IDENTITY);
+    sequence.retain_frames(&[1]);
+    assert_eq!(sequence.depth_correction(0), correction);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Alignment of depth images: relative poses from surfaces, without features, and lines where surfaces leave them open.
 
 mod align;
+pub(crate) mod layers;
 mod lines;
 mod tracking;
 mod view;

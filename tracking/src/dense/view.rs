@@ -53,7 +53,12 @@ pub(crate) struct DenseSurface {
 impl DenseView {
     /// Reduces a depth image: means of inverse depth over blocks that lie on one surface.
     pub(crate) fn new(map: &InverseDepthMap) -> Self {
-        let factor = (map.width() / WIDTH).max(1);
+        Self::of_width(map, WIDTH)
+    }
+
+    /// As [`new`](Self::new), reduced to about `width` pixels.
+    pub(crate) fn of_width(map: &InverseDepthMap, width: usize) -> Self {
+        let factor = (map.width() / width).max(1);
         let (width, height) = (map.width() / factor, map.height() / factor);
         let mut rho = vec![0.0; width * height];
         let mut relative_sigma = vec![0.0; width * height];

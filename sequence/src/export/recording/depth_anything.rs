@@ -29,6 +29,15 @@ pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
         for index in 0..source.count() {
             write_f32(&mut archive, source.depth(index)?.samples())?;
         }
+        if source.confidence(0).is_some() {
+            begin_array(&mut archive, "conf", "<f4", &[count, height, width])?;
+            for index in 0..source.count() {
+                // The model's values are at least one.
+                let classes = source.confidence(index).unwrap_or_default();
+                let values = classes.into_iter().map(|class| 1.0 + f32::from(class));
+                write_f32(&mut archive, &values.collect::<Vec<f32>>())?;
+            }
+        }
         begin_array(&mut archive, "extrinsics", DOUBLE, &[count, 3, 4])?;
         for index in 0..source.count() {
             let rows = matrix_rows(&source.pose(index).inverse());

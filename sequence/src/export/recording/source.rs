@@ -8,7 +8,7 @@ use linecarve_lines::camera::Camera;
 use linecarve_mesh::files::write_unsynced;
 use nalgebra::Isometry3;
 
-use super::RecordingError;
+use super::{Disturbance, RecordingError};
 use crate::load::DepthImage;
 use crate::{ImageSize, Sequence, container};
 
@@ -19,6 +19,8 @@ const INTERVAL_NS: i64 = 100_000_000;
 pub(super) struct Source<'a> {
     sequence: &'a Sequence,
     out: &'a Path,
+    disturbance: &'a Disturbance,
+    poses: Vec<Isometry3<f64>>,
     /// Camera of the depth images.
     pub(super) depth_camera: Camera,
     /// Raw units of the sequence per pose unit.
@@ -33,7 +35,15 @@ pub(super) struct Picture {
 
 impl<'a> Source<'a> {
     /// Checks the sequence, and makes the folder.
-    pub(super) fn new(sequence: &'a Sequence, out: &'a Path) -> Result<Self, RecordingError> {
+    pub(super) fn new(
+        sequence: &'a Sequence,
+        out: &'a Path,
+        disturbance: &'a Disturbance,
+    ) -> Result<Self, RecordingError> {
+        let frames = sequence.frames().iter().enumerate();
+        let poses = frames
+            .map(|(at, frame)| frame.world_from_camera * disturbance.of_frame(at).motion)
+            .collect();
         let content = |problem: &str| RecordingError::Content {
             folder: sequence.folder().to_owned(),
             problem: problem.to_owned(),
@@ -49,6 +59,8 @@ impl<'a> Source<'a> {
         let source = Self {
             sequence,
             out,
+            disturbance,
+            poses,
             depth_camera: depth.camera.clone(),
             depth_scale: depth.scale,
         };
@@ -71,7 +83,7 @@ impl<'a> Source<'a> {
     }
 
     pub(super) fn pose(&self, index: usize) -> &Isometry3<f64> {
-        &self.sequence.frames()[index].world_from_camera
+        &self.poses[index]
     }
 
     /// Camera of the colour images.
@@ -154,7 +166,34 @@ impl<'a> Source<'a> {
             let samples = vec![0.0; width as usize * height as usize];
             DepthImage::new(width as usize, height as usize, samples).expect("one value a pixel")
         };
-        Ok(self.sequence.load_depth(index)?.unwrap_or_else(unknown))
+        let mut depth = self.sequence.load_depth(index)?.unwrap_or_else(unknown);
+        self.disturbance.of_frame(index).apply(&mut depth);
+        Ok(depth)
+    }
+
+    /// The class of confidence of each depth of a frame, if there are any.
+    pub(super) fn confidence(&self, index: usize) -> Option<Vec<u8>> {
+        let ImageSize { width, height } = self.depth_size();
+        let (width, height) = (width as usize, height as usize);
+        let unknown = DepthImage::new(width, height, vec![0.0; width * height]);
+        let mut depth = unknown.expect("one value a pixel");
+        self.disturbance.of_frame(index).apply(&mut depth)
+    }
+
+    /// Writes the classes of confidence of a frame as a PNG, if it has any.
+    pub(super) fn write_confidence_png(
+        &self,
+        index: usize,
+        name: &str,
+    ) -> Result<(), RecordingError> {
+        let ImageSize { width, height } = self.depth_size();
+        let Some(classes) = self.confidence(index) else {
+            return Ok(());
+        };
+        self.make_folder("confidence")?;
+        let image = ImageBuffer::<Luma<u8>, _>::from_raw(width, height, classes)
+            .expect("one class a pixel");
+        self.write(name, &self.png(index, &DynamicImage::ImageLuma8(image))?)
     }
 
     /// Writes depth of a frame as a PNG of integers, `scale` of them a pose unit.

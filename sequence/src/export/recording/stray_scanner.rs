@@ -10,6 +10,7 @@ pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
     for index in 0..source.count() {
         source.write_picture(index, &format!("rgb/{index:06}"))?;
         source.write_depth_png(index, 1000.0, &format!("depth/{index:06}.png"))?;
+        source.write_confidence_png(index, &format!("confidence/{index:06}.png"))?;
         let pose = source.pose(index);
         let (t, q) = (pose.translation.vector, pose.rotation.coords);
         let numbers = [t.x, t.y, t.z, q.x, q.y, q.z, q.w].map(|number| number.to_string());

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::super::super::SequenceError;
-use super::super::super::calibration::ImageSize;
+use super::super::super::calibration::{ConfidenceImages, ImageSize};
 use super::super::super::container;
 use super::super::super::depth_image::npy_size;
 use super::super::super::layout::{Folder, PoseSource, RecordedFrame, Recording};
@@ -12,7 +12,7 @@ use super::super::super::rigid;
 use super::super::super::text::TextFile;
 use super::super::super::warning::WarningCounter;
 use super::super::frame_cameras::FrameCameras;
-use super::{array, calibration, camera_of};
+use super::{CONFIDENCE, array, calibration, camera_of};
 
 const FRAMES: &str = "results_output";
 const POSES: &str = "camera_poses.txt";
@@ -130,7 +130,16 @@ pub(super) fn read(
             ),
         });
     }
-    let mut recording = Recording::new(frames, calibration(&cameras));
+    let mut calibration = calibration(&cameras);
+    let has_confidence = |frame: &RecordedFrame| {
+        let archive = frame.color.parent();
+        archive.is_some_and(|archive| container::array_header(&array(archive, CONFIDENCE)).is_ok())
+    };
+    calibration.confidence = frames
+        .first()
+        .filter(|frame| has_confidence(frame))
+        .map(|_| ConfidenceImages::Array);
+    let mut recording = Recording::new(frames, calibration);
     recording.has_time = false;
     recording.warnings.extend(invalid.into_warning(
         names.len(),

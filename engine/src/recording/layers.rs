@@ -1,0 +1,85 @@
+//! Depth images that disagree with each other: layers that are moved onto one surface, and what their confidence is worth.
+
+use nalgebra::Isometry3;
+
+use super::{Recording, RecordingError};
+use crate::front_end::{
+    DepthSource, ImagePosesError, LayerSummary, class_noise, measure_confidence,
+    read_keyframe_depth,
+};
+use crate::run::ProgressHook;
+use linecarve_tracking::{DepthLayer, LayerAlignment, align_layers, compare_layers};
+
+impl Recording {
+    /// Compares the depth of the keyframes. Corrects their poses and the scale and shift of their depth where held-back overlaps say that
+    /// their surfaces then agree, and measures what classes of confidence are worth.
+    ///
+    /// # Errors
+    /// When an image cannot be read, and the error is not limited to it.
+    pub fn compare_depth(&mut self, progress: &ProgressHook) -> Result<(), RecordingError> {
+        let is_corrected = self.options.pose_correction.enabled && !self.is_tracked;
+        let Some(DepthSource::Sensor(sensor)) = &self.depth else {
+            return Ok(());
+        };
+        if !is_corrected && !self.sequence.has_confidence() {
+            return Ok(());
+        }
+        let noise = sensor.noise;
+        let mut task = progress.begin("depth", self.keyframes.len(), "comparing depth images");
+        let read = read_keyframe_depth(&self.sequence, &self.keyframes, noise);
+        let keyframes = read.map_err(ImagePosesError::Image)?;
+        task.set(self.keyframes.len());
+        drop(task);
+        let layers: Vec<DepthLayer> = keyframes.iter().map(|one| one.layer.clone()).collect();
+        let alignment = match is_corrected {
+            true => align_layers(&layers),
+            false => compare_layers(&layers),
+        };
+        if let Some(classes) = measure_confidence(&keyframes, &alignment) {
+            self.sequence.set_class_noise(&class_noise(&classes));
+            self.confidence = classes;
+        }
+        if is_corrected {
+            let summary = LayerSummary::of(&layers, &alignment);
+            self.layers = Some(summary);
+            if alignment.model.is_some() {
+                let frames: Vec<usize> = keyframes.iter().map(|one| one.frame).collect();
+                self.place_layers(&frames, &alignment);
+                self.warnings.push(layer_warning(&summary));
+            }
+        }
+        Ok(())
+    }
+
+    fn place_layers(&mut self, frames: &[usize], alignment: &LayerAlignment) {
+        let calibration = self.sequence.depth_calibration();
+        let color_from_depth =
+            calibration.map_or_else(Isometry3::identity, |it| it.color_from_depth);
+        let depth_from_color = color_from_depth.inverse();
+        let placed = || frames.iter().copied().zip(&alignment.placements);
+        let poses = placed().map(|(frame, one)| (frame, one.world_from_camera * depth_from_color));
+        self.sequence.set_poses(poses);
+        let corrections = placed().map(|(frame, one)| (frame, one.depth));
+        self.sequence.set_depth_corrections(corrections);
+    }
+
+    /// Whether keyframes are not where the recording says.
+    pub(crate) fn has_corrected_poses(&self) -> bool {
+        self.poses.is_some_and(|poses| poses.is_corrected)
+            || self.layers.is_some_and(|layers| layers.corrected != "none")
+    }
+}
+
+fn layer_warning(summary: &LayerSummary) -> String {
+    let what = match summary.corrected {
+        "poses" => "poses",
+        "scales" => "poses and scales",
+        _ => "poses, scales and shifts",
+    };
+    format!(
+        "the depth images of keyframes disagree with each other by {:.1} % of the depth: corrected {what} bring that to {:.1} % \
+         ([pose_correction] enabled = false takes poses and depth as they are)",
+        100.0 * summary.distance,
+        100.0 * summary.corrected_distance
+    )
+}
