@@ -269,18 +269,17 @@ impl CloudSurface {
         self.finished(mesh, &origins, position)
     }
 
-    /// The exported surface of a carver with the points of a model that is not dense: vertices stay, and colours are those of the points.
+    /// The exported surface of a carver with the points of a model that is not dense: vertices stay, without colours.
     pub(crate) fn unchanged_mesh_of(
         &self,
         carver: &Carver,
         export: &ExportOptions,
     ) -> TriangleMesh {
-        let (mesh, origins) = carver.mesh_where(export, |_| TriangleRole::Exported);
-        let position = |vertex: VertexId| carver.tetrahedra().position(vertex);
+        let (mesh, _) = carver.mesh_where(export, |_| TriangleRole::Exported);
         TriangleMesh {
             positions: mesh.vertices,
             triangles: mesh.triangles,
-            colors: self.colors(&origins, position),
+            colors: None,
         }
     }
 

@@ -52,7 +52,7 @@ fn the_mesh_is_that_of_a_reconstruction() {
 }
 
 #[test]
-fn a_closed_mesh_is_watertight_and_has_the_colours_of_the_points() {
+fn a_closed_mesh_is_watertight() {
     let folder = tempfile::tempdir().unwrap();
     let input = city(4000, folder.path());
     let made = mesh_of(&input, true);
@@ -67,9 +67,6 @@ fn a_closed_mesh_is_watertight_and_has_the_colours_of_the_points() {
         *count == 1 && edges.get(&(*to, *from)) == Some(&1)
     };
     assert!(edges.len() > 3000 && edges.iter().all(is_closed));
-    let colors = made.mesh.colors.unwrap();
-    let own = colors.iter().filter(|color| **color == [150, 140, 130]);
-    assert!(own.count() * 10 > colors.len() * 9);
 }
 
 #[test]
