@@ -279,7 +279,8 @@ fn depth_of_the_lowest_confidence_is_left_out() {
 
 #[test]
 fn confidence_without_classes_is_taken_in_ranks() {
-    let source = open(written(RecordingLayout::Exr).path()).unwrap();
+    let undisturbed = written(RecordingLayout::Exr);
+    let source = open(undisturbed.path()).unwrap();
     let disturbance = Disturbance {
         wrong: 0.3,
         wrong_depth: WrongDepth::Marked,
