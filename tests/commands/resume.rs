@@ -321,13 +321,28 @@ fn a_run_over_a_recording_that_has_changed_is_not_resumed() {
     let folder = small_sequence(6, "tum");
     let sequence = folder.path().join("sequence");
     let whole = folder.path().join("whole");
-    expect_status(0, arguments(&sequence, &whole, &[]));
+    // Depth of another image would be corrected.
+    let options = folder.path().join("options.toml");
+    std::fs::write(&options, "[pose_correction]\nenabled = false\n").unwrap();
+    let given = ["--config", options.to_str().unwrap()];
+    expect_status(0, arguments(&sequence, &whole, &given));
     let expected = results(&whole);
     let out = folder.path().join("out");
-    expect_status(1, arguments(&sequence, &out, &["--memory-limit", "1M"]));
+    expect_status(
+        1,
+        arguments(
+            &sequence,
+            &out,
+            &[&given[..], &["--memory-limit", "1M"]].concat(),
+        ),
+    );
     let stored = stored(&out);
     // Other checks would find the other depth scale before.
-    let resumed = arguments(&sequence, &out, &["--resume", "--accept-as-is"]);
+    let resumed = arguments(
+        &sequence,
+        &out,
+        &[&given[..], &["--resume", "--accept-as-is"]].concat(),
+    );
     let refused = |part: &str| {
         let said = stderr(&expect_status(2, &resumed));
         assert!(

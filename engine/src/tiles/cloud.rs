@@ -28,8 +28,6 @@ pub(super) fn plan(
     folder: &Path,
 ) -> Result<Work, ProjectError> {
     let file_error = |fault| ProjectError::file(folder)(fault);
-    // Points are kept there before the plan is.
-    std::fs::create_dir_all(folder).map_err(file_error)?;
     let Selection {
         origin,
         centers,

@@ -64,6 +64,7 @@ impl Selection {
         let centers: Vec<Point3<f64>> = views.iter().map(center).collect();
         let mut selector = PointSelector::new(views, options, statistics);
         let file_error = |fault| ProjectError::file(folder)(fault);
+        std::fs::create_dir_all(folder).map_err(file_error)?;
         let mut depths = Medians::new(folder).map_err(file_error)?;
         let top = top_level(extent.translated(&-origin).longest());
         let mut spill = Spill::new(folder, top).map_err(file_error)?;
