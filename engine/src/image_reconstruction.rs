@@ -38,19 +38,21 @@ pub struct RgbdImage<'a> {
 /// use linecarve_lines::image::Plane;
 /// use nalgebra::Isometry3;
 ///
-/// // A dark panel on a bright wall, both 2 units away.
+/// // A dark panel half a unit before a bright wall, which is 2 units away.
 /// let (width, height) = (160, 120);
 /// let color = image::RgbImage::from_fn(width, height, |x, y| {
 ///     let is_panel = (40..120).contains(&x) && (30..90).contains(&y);
 ///     image::Rgb([if is_panel { 60 } else { 190 }; 3])
 /// });
-/// let depth = Plane::new(160, 120, vec![2.0; 160 * 120])?;
+/// let depth_of = |pixel: &image::Rgb<u8>| if pixel.0[0] == 60 { 1.5 } else { 2.0 };
+/// let depth = Plane::new(160, 120, color.pixels().map(depth_of).collect())?;
 /// let camera = Camera::pinhole(140.0, 140.0, 79.5, 59.5)?;
 ///
 /// let mut wall = ImageReconstruction::new(&camera, 2.0, Options::default())?;
 /// for step in 0..3 {
 ///     let world_from_camera = Isometry3::translation(0.0, 0.0, -0.05 * f64::from(step));
-///     # let depth = Plane::new(160, 120, vec![2.0 + 0.05 * step as f32; 160 * 120])?;
+///     # let moved = color.pixels().map(|pixel| depth_of(pixel) + 0.05 * step as f32);
+///     # let depth = Plane::new(160, 120, moved.collect())?;
 ///     wall.add(&RgbdImage { world_from_camera, color: &color, depth: &depth })?;
 /// }
 /// let mesh = wall.finish()?;

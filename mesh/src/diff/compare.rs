@@ -56,7 +56,8 @@ pub enum DiffError {
 ///     triangles: vec![[0, 1, 2]],
 ///     ..Shape::default()
 /// };
-/// let options = DiffOptions { tolerance: Tolerance::Length(0.01), ..DiffOptions::default() };
+/// let mut options = DiffOptions::default();
+/// options.tolerance = Tolerance::Length(0.01);
 /// assert!(compare(&wall(0.0), &wall(0.005), &options)?.is_same);
 /// let difference = compare(&wall(0.0), &wall(0.03), &options)?;
 /// assert!((difference.worst.unwrap().distance - 0.03).abs() < 1e-12);

@@ -71,7 +71,8 @@ pub enum EvaluationError {
 ///     triangles: vec![[0, 1, 2]],
 ///     ..Shape::default()
 /// };
-/// let options = EvaluationOptions { region_margin: 0.1, samples: 1000, ..EvaluationOptions::default() };
+/// let mut options = EvaluationOptions::default();
+/// (options.region_margin, options.samples) = (0.1, 1000);
 /// let evaluation = evaluate(&wall(0.03), &wall(0.0), &options)?;
 /// assert!((evaluation.accuracy.unwrap().mean - 0.03).abs() < 1e-12);
 /// assert_eq!((evaluation.at[0].f, evaluation.at[1].f), (Some(0.0), Some(1.0)));
