@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Writes a model in text form: a camera on each of four sides of a box, which sees points on the floor and on two walls.
+/// Writes a model in text form: four cameras that see a box before a wall.
 fn write_box(folder: &Path) -> std::io::Result<()> {
     std::fs::create_dir_all(folder)?;
     std::fs::write(
@@ -45,9 +45,14 @@ fn write_box(folder: &Path) -> std::io::Result<()> {
         let (x, y) = (0.4 * f64::from(view) - 1.0, 0.2 * f64::from(view % 2));
         let _ = writeln!(images, "{view} 1 0 0 0 {x} {y} 4 1 {view}.png\n");
     }
+    // The front of a box, and the wall behind it where all cameras see it.
     let grid = (-5..=5).flat_map(|a| (-5..=5).map(move |b| [a, b].map(|n| 0.3 * f64::from(n))));
-    let walls = grid.flat_map(|[a, b]| [[a, b, 1.5], [a, 1.5, b], [1.5, a, b]]);
-    for (id, [x, y, z]) in walls.enumerate() {
+    let seen = grid.filter_map(|[a, b]| match a.abs().max(b.abs()) {
+        near if near < 0.7 => Some([a, b, 0.5]),
+        far if far > 1.1 => Some([a, b, 1.5]),
+        _ => None,
+    });
+    for (id, [x, y, z]) in seen.enumerate() {
         let _ = writeln!(points, "{id} {x} {y} {z} 180 170 160 0.5 1 0 2 0 3 0 4 0");
     }
     std::fs::write(folder.join("images.txt"), images)?;

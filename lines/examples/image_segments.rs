@@ -20,8 +20,8 @@ const TYPICAL_DEPTH: f64 = 2.0;
 fn main() -> Result<(), Box<dyn Error>> {
     let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/room");
     let camera = Camera::pinhole(525.0, 525.0, 319.5, 239.5)?;
-    let color = image::open(room.join("rgb/COLORNAME"))?.into_rgb8();
-    let depth = image::open(room.join("depth/DEPTHNAME"))?.into_luma16();
+    let color = image::open(room.join("rgb/1.000000.jpg"))?.into_rgb8();
+    let depth = image::open(room.join("depth/1.000000.png"))?.into_luma16();
     let (width, height) = (color.width() as usize, color.height() as usize);
     let gray = GrayImage::from_rgb8(width, height, color.as_raw())?;
     let depth = depth.iter().map(|&value| f32::from(value) / DEPTH_SCALE);
