@@ -69,7 +69,13 @@ fn join_block(
                 let cube = code >> (3 * (DEPTH - depth));
                 groups.push((depth, cube, is_in_front(point, &patch, centers), index));
             }
-            None => joined.push(JoinedPoint::alone(point.clone())),
+            None => {
+                let mut alone = JoinedPoint::alone(point.clone());
+                // Where points are sparse, triangles reach from one to the next.
+                let spacing = patches[index].map_or(0.0, |patch| patch.spacing);
+                alone.reach = alone.reach.map(|it| it.max(REACH_SPACINGS * spacing));
+                joined.push(alone);
+            }
         }
     }
     groups.sort_unstable();
