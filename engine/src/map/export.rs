@@ -1,7 +1,7 @@
 //! The surface of a map as it is exported.
 
 use linecarve_carving::internals::RankedSurface;
-use linecarve_carving::{ExportOptions, TriangleRole, VertexId, VertexOrigin};
+use linecarve_carving::{Carver, ExportOptions, TriangleRole, VertexId, VertexOrigin};
 use linecarve_mesh::{TriangleMesh, close_holes};
 
 use super::lines::VertexColors;
@@ -65,19 +65,22 @@ impl Map {
 
     /// The current surface of a map of points, made anew from the carver.
     fn extract_surface(&self) -> TriangleMesh {
-        let (mesh, _) = self
-            .carver
-            .mesh_where(&self.export_options(), |_| TriangleRole::Exported);
-        TriangleMesh {
-            positions: mesh.vertices,
-            triangles: mesh.triangles,
-            colors: None,
-        }
+        carved_mesh(&self.carver, &self.export_options())
     }
 
     /// Filters and repair of the exported surface.
     pub(crate) fn export_options(&self) -> ExportOptions {
         export_options(&self.options, self.median_depth())
+    }
+}
+
+/// The surface as it is carved, without colours.
+pub(crate) fn carved_mesh(carver: &Carver, export: &ExportOptions) -> TriangleMesh {
+    let (mesh, _) = carver.mesh_where(export, |_| TriangleRole::Exported);
+    TriangleMesh {
+        positions: mesh.vertices,
+        triangles: mesh.triangles,
+        colors: None,
     }
 }
 

@@ -50,7 +50,7 @@ use points::FeatureMap;
 
 pub use carved::CarvedCounts;
 pub use error::MapError;
-pub(crate) use export::{close_all_holes, export_options};
+pub(crate) use export::{carved_mesh, close_all_holes, export_options};
 pub use model::ModelCounts;
 pub(crate) use model::PointSelector;
 pub(crate) use observed::{ObservationChange, ObservedPoint, PointKind};

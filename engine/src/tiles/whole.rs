@@ -12,7 +12,8 @@ use super::ProjectError;
 use super::selection::Selection;
 use crate::map::cloud::{CloudSurface, JoinedPoint, SeenPoint, ViewStatistics, join, top_level};
 use crate::map::{
-    MapError, ModelCounts, PointSelector, carver_options, close_all_holes, export_options,
+    MapError, ModelCounts, PointSelector, carved_mesh, carver_options, close_all_holes,
+    export_options,
 };
 use crate::options::{HoleFilling, Options};
 use crate::recording::{Input, PointExtent, Recording};
@@ -185,7 +186,7 @@ impl Points {
         let carved = self.carver.point_count();
         let mesh = match self.is_dense {
             true => self.surface.mesh_of(&self.carver, &export, is_closed),
-            false => self.surface.unchanged_mesh_of(&self.carver, &export),
+            false => carved_mesh(&self.carver, &export),
         };
         Carved { mesh, carved }
     }

@@ -269,20 +269,6 @@ impl CloudSurface {
         self.finished(mesh, &origins, position)
     }
 
-    /// The exported surface of a carver with the points of a model that is not dense: vertices stay, without colours.
-    pub(crate) fn unchanged_mesh_of(
-        &self,
-        carver: &Carver,
-        export: &ExportOptions,
-    ) -> TriangleMesh {
-        let (mesh, _) = carver.mesh_where(export, |_| TriangleRole::Exported);
-        TriangleMesh {
-            positions: mesh.vertices,
-            triangles: mesh.triangles,
-            colors: None,
-        }
-    }
-
     /// Centres of the views.
     pub(crate) fn centers(&self) -> &[Point3<f64>] {
         &self.centers
