@@ -14,6 +14,7 @@ mod race;
 mod results;
 mod rivals;
 mod scored_run;
+mod sources;
 mod starts;
 mod tables;
 mod texture;

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::cost::{beside_this_program, cpu_milliseconds_of_children};
 use super::published::publish;
 use super::scored_run::f_scores;
+use super::sources::Sources;
 use crate::cli::RaceArgs;
 
 /// How often the memory of a run is read.
@@ -214,17 +215,9 @@ fn table(rows: &[Row]) -> Result<String, std::fmt::Error> {
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
     let number =
         |value: Option<f64>, digits: usize| or_dash(value.map(|v| format!("{v:.digits$}")));
-    let mut sources: Vec<&str> = Vec::new();
+    let mut sources = Sources::default();
     for row in rows {
-        let mut program = row.program.clone();
-        if let Some(source) = &row.source {
-            let known = sources.iter().position(|known| known == source);
-            let at = known.unwrap_or_else(|| {
-                sources.push(source);
-                sources.len() - 1
-            });
-            write!(program, " [{}]", at + 1)?;
-        }
+        let program = sources.marked(&row.program, row.source.as_deref());
         let thresholds: Vec<String> = row.thresholds.iter().map(f64::to_string).collect();
         writeln!(
             text,
@@ -237,10 +230,7 @@ fn table(rows: &[Row]) -> Result<String, std::fmt::Error> {
             number(row.peak_memory_mb, 0),
         )?;
     }
-    for (at, source) in sources.iter().enumerate() {
-        write!(text, "\n[{}] {source}.\n", at + 1)?;
-    }
-    Ok(text)
+    Ok(text + &sources.to_string())
 }
 
 #[cfg(test)]

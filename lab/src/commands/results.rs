@@ -4,6 +4,8 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
+use super::sources::Sources;
+
 /// A row of the table of results.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct ResultRow {
@@ -28,17 +30,9 @@ pub(super) fn table(rows: &[ResultRow]) -> Result<String, std::fmt::Error> {
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
     let number =
         |value: Option<f64>, digits: usize| or_dash(value.map(|v| format!("{v:.digits$}")));
-    let mut sources: Vec<&str> = Vec::new();
+    let mut sources = Sources::default();
     for row in rows {
-        let mut method = row.method.clone();
-        if let Some(source) = &row.source {
-            let known = sources.iter().position(|known| known == source);
-            let at = known.unwrap_or_else(|| {
-                sources.push(source);
-                sources.len() - 1
-            });
-            write!(method, " [{}]", at + 1)?;
-        }
+        let method = sources.marked(&row.method, row.source.as_deref());
         writeln!(
             text,
             "| {} | {method} | {} | {} | {} | {} | {} | {} |",
@@ -51,10 +45,7 @@ pub(super) fn table(rows: &[ResultRow]) -> Result<String, std::fmt::Error> {
             number(row.peak_memory_mb, 0),
         )?;
     }
-    for (at, source) in sources.iter().enumerate() {
-        write!(text, "\n[{}] {source}.\n", at + 1)?;
-    }
-    Ok(text)
+    Ok(text + &sources.to_string())
 }
 
 #[cfg(test)]
