@@ -75,15 +75,18 @@ impl LayerSummary {
     }
 }
 
-/// Depth of a keyframe, reduced.
-#[derive(Debug, Clone)]
-pub struct KeyframeDepth {
-    /// Position of the frame in the sequence.
-    pub frame: usize,
+/// A point in the frame of the depth camera, and its class of confidence.
+type ClassPoint = (Vector3<f32>, u8);
+
+/// Depth of keyframes, reduced; lists have an entry for each keyframe.
+#[derive(Debug, Clone, Default)]
+pub struct KeyframeDepths {
+    /// Positions of the frames in the sequence.
+    pub frames: Vec<usize>,
     /// Depth of the classes that others are compared with.
-    pub layer: DepthLayer,
-    /// Points in the frame of the depth camera with their class, spread over the image.
-    points: Vec<(Vector3<f32>, u8)>,
+    pub layers: Vec<DepthLayer>,
+    /// Points spread over the image; none without confidence.
+    points: Vec<Vec<ClassPoint>>,
 }
 
 /// Reads the depth of `frames`. Frames whose own images cannot be used are left out.
@@ -97,16 +100,24 @@ pub fn read_keyframe_depth(
     sequence: &Sequence,
     frames: &[usize],
     noise: SensorNoise,
-) -> Result<Vec<KeyframeDepth>, FrontEndError> {
+) -> Result<KeyframeDepths, FrontEndError> {
     let reference = reference_class(sequence, frames)?;
-    let read: Vec<Option<KeyframeDepth>> = frames
+    let read: Vec<Option<(DepthLayer, Vec<ClassPoint>)>> = frames
         .par_iter()
         .map(|&frame| match read_one(sequence, frame, noise, reference) {
             Err(error) if error.is_limited_to_frame() => Ok(None),
             read => read,
         })
         .collect::<Result<_, _>>()?;
-    Ok(read.into_iter().flatten().collect())
+    let mut keyframes = KeyframeDepths::default();
+    for (&frame, read) in frames.iter().zip(read) {
+        if let Some((layer, points)) = read {
+            keyframes.frames.push(frame);
+            keyframes.layers.push(layer);
+            keyframes.points.push(points);
+        }
+    }
+    Ok(keyframes)
 }
 
 fn read_one(
@@ -114,7 +125,7 @@ fn read_one(
     frame: usize,
     noise: SensorNoise,
     reference: u8,
-) -> Result<Option<KeyframeDepth>, FrontEndError> {
+) -> Result<Option<(DepthLayer, Vec<ClassPoint>)>, FrontEndError> {
     let loaded = sequence.load_depth_classes(frame)?;
     let (Some((mut depth, classes)), Some(calibration)) = (loaded, sequence.depth_calibration())
     else {
@@ -147,18 +158,15 @@ fn read_one(
         })?;
     let world_from_depth =
         sequence.frames()[frame].world_from_camera * calibration.color_from_depth;
-    Ok(Some(KeyframeDepth {
-        frame,
-        layer: DepthLayer::new(&map, camera, &world_from_depth),
-        points,
-    }))
+    let layer = DepthLayer::new(&map, camera, &world_from_depth);
+    Ok(Some((layer, points)))
 }
 
 fn points_with_classes(
     depth: &DepthImage,
     classes: &DepthClasses,
     point: impl Fn(f64, f64, f64) -> Vector3<f32>,
-) -> Vec<(Vector3<f32>, u8)> {
+) -> Vec<ClassPoint> {
     let step = (depth.width() / COLUMNS).max(1);
     let mut points = Vec::new();
     for y in (step / 2..depth.height()).step_by(step) {
@@ -209,16 +217,16 @@ fn reference_class(sequence: &Sequence, frames: &[usize]) -> Result<u8, FrameErr
 /// # Complexity
 /// Linear in the points, for each overlap.
 pub fn measure_confidence(
-    keyframes: &[KeyframeDepth],
+    keyframes: &KeyframeDepths,
     alignment: &LayerAlignment,
 ) -> Option<Vec<ClassSummary>> {
-    if keyframes.iter().all(|keyframe| keyframe.points.is_empty()) {
+    if keyframes.points.iter().all(Vec::is_empty) {
         return None;
     }
-    let placed: Vec<DepthLayer> = keyframes
+    let placed: Vec<DepthLayer> = (keyframes.layers)
         .par_iter()
         .zip(&alignment.placements)
-        .map(|(keyframe, placement)| keyframe.layer.corrected(placement))
+        .map(|(layer, placement)| layer.corrected(placement))
         .collect();
     let both = |[a, b]: &[usize; 2]| [[*a, *b], [*b, *a]];
     let overlaps: Vec<[usize; 2]> = alignment.overlaps.iter().flat_map(both).collect();
@@ -229,7 +237,7 @@ pub fn measure_confidence(
             for [from, to] in overlaps {
                 let placement = &alignment.placements[*from];
                 let motion = placed[*to].given().inv_mul(&placement.world_from_camera);
-                for (point, class) in &keyframes[*from].points {
+                for (point, class) in &keyframes.points[*from] {
                     let point: Vector3<f64> = point.cast();
                     let Some(z) = placement.depth.depth(point.z) else {
                         continue;
@@ -243,8 +251,8 @@ pub fn measure_confidence(
         })
         .collect();
     let mut sum = ClassHistogram::default();
-    for keyframe in keyframes {
-        sum.count_pixels(keyframe.points.iter().map(|(_, class)| *class));
+    for points in &keyframes.points {
+        sum.count_pixels(points.iter().map(|(_, class)| *class));
     }
     for histogram in &histograms {
         sum.merge(histogram);

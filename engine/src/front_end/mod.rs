@@ -33,7 +33,7 @@ use crate::run::Checkpoint;
 pub use colors::KeyframeColors;
 pub use confidence_noise::ClassSummary;
 pub use depth_layers::{
-    KeyframeDepth, LayerSummary, class_noise, measure_confidence, read_keyframe_depth,
+    KeyframeDepths, LayerSummary, class_noise, measure_confidence, read_keyframe_depth,
 };
 pub use depth_source::{DepthSource, SemiDenseSource};
 pub use edge_points::EdgePoint;

@@ -8,7 +8,7 @@ use crate::front_end::{
     read_keyframe_depth,
 };
 use crate::run::ProgressHook;
-use linecarve_tracking::{DepthLayer, LayerAlignment, align_layers, compare_layers};
+use linecarve_tracking::{LayerAlignment, align_layers, compare_layers};
 
 impl Recording {
     /// Compares the depth of the keyframes. Corrects their poses and the scale and shift of their depth where held-back overlaps say that
@@ -30,21 +30,20 @@ impl Recording {
         let keyframes = read.map_err(ImagePosesError::Image)?;
         task.set(self.keyframes.len());
         drop(task);
-        let layers: Vec<DepthLayer> = keyframes.iter().map(|one| one.layer.clone()).collect();
+        let layers = &keyframes.layers;
         let alignment = match is_corrected {
-            true => align_layers(&layers),
-            false => compare_layers(&layers),
+            true => align_layers(layers),
+            false => compare_layers(layers),
         };
         if let Some(classes) = measure_confidence(&keyframes, &alignment) {
             self.sequence.set_class_noise(&class_noise(&classes));
             self.confidence = classes;
         }
         if is_corrected {
-            let summary = LayerSummary::of(&layers, &alignment);
+            let summary = LayerSummary::of(layers, &alignment);
             self.layers = Some(summary);
             if alignment.model.is_some() {
-                let frames: Vec<usize> = keyframes.iter().map(|one| one.frame).collect();
-                self.place_layers(&frames, &alignment);
+                self.place_layers(&keyframes.frames, &alignment);
                 self.warnings.push(layer_warning(&summary));
             }
         }

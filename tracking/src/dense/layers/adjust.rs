@@ -53,8 +53,8 @@ const ADAPTED: usize = 3;
 const RICHER: f64 = 0.9;
 /// Or if it needs so much less motion of the cameras for the same distances.
 const LESS_MOTION: f64 = 0.7;
-/// Layers are taken as given unless their distance is so many times what noise makes of it. Below that the shape of the noise, which bends
-/// surfaces of real sensors, would move cameras by more than they are off: in the kitchen of 7-Scenes (1.8 times) by 4 cm.
+/// Layers are taken as given unless their distance is so many times what noise makes of it. Below that, the bias of real sensors, which bends
+/// surfaces, would move cameras by more than they are off. Tuned on the kitchen of 7-Scenes: 1.8 times, and cameras would move by 4 cm.
 const BEYOND_NOISE: f64 = 3.0;
 /// A correction is worth having if held-back layers are closer by this factor.
 const WORTH: f64 = 0.7;

@@ -1,5 +1,7 @@
 //! A depth image with its placement, and the surface that both make.
 
+use std::borrow::Cow;
+
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::{DepthCorrection, InverseDepthMap};
 use nalgebra::{Isometry3, Vector3};
@@ -41,8 +43,8 @@ pub struct DepthLayer {
 /// The surface of a layer after the correction of its depth, in the frame of its camera.
 pub(super) struct PlacedSurface<'a> {
     pub(super) surface: &'a DenseSurface,
-    pub(super) points: Vec<Vector3<f32>>,
-    pub(super) planes: Vec<Vector3<f32>>,
+    pub(super) points: Cow<'a, [Vector3<f32>]>,
+    pub(super) planes: Cow<'a, [Vector3<f32>]>,
 }
 
 impl DepthLayer {
@@ -83,7 +85,7 @@ impl DepthLayer {
     /// The same layer with corrected depth.
     pub fn corrected(&self, placement: &LayerPlacement) -> Self {
         let placed = self.placed(&placement.depth);
-        let (points, planes) = (placed.points, placed.planes);
+        let (points, planes) = (placed.points.into_owned(), placed.planes.into_owned());
         let mut surface = self.surface.clone();
         surface.points = points;
         surface.planes = planes;
@@ -96,10 +98,10 @@ impl DepthLayer {
     /// Points and planes with corrected depth. Planes stay planes but for a shift of the depth, for which they are tangents.
     pub(super) fn placed(&self, depth: &DepthCorrection) -> PlacedSurface<'_> {
         let surface = &self.surface;
-        let mut points = surface.points.clone();
-        let mut planes = surface.planes.clone();
+        let mut points = Cow::Borrowed(&surface.points[..]);
+        let mut planes = Cow::Borrowed(&surface.planes[..]);
         if *depth != DepthCorrection::IDENTITY {
-            for (point, plane) in points.iter_mut().zip(&mut planes) {
+            for (point, plane) in points.to_mut().iter_mut().zip(planes.to_mut()) {
                 if point.z <= 0.0 {
                     continue;
                 }
