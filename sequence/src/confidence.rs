@@ -75,18 +75,18 @@ impl Sequence {
         images.is_some_and(|images| images.has_classes())
     }
 
-    /// Removes depth of classes that are left out. A frame without confidence keeps its depth.
+    /// Removes depth of classes that are left out; returns the classes. A frame without confidence keeps its depth.
     pub(super) fn leave_out_uncertain(
         &self,
         depth_path: &Path,
         depth: &mut DepthImage,
-    ) -> Result<(), FrameError> {
+    ) -> Result<Option<DepthClasses>, FrameError> {
         let noise = self.confidence_noise.as_ref();
         if noise.is_none() && !self.has_confidence_classes() {
-            return Ok(());
+            return Ok(None);
         }
         let Some(classes) = self.confidence_classes(depth_path, depth)? else {
-            return Ok(());
+            return Ok(None);
         };
         let is_left_out = |class: u8| match noise {
             Some(noise) => noise.of(class).is_none(),
@@ -97,7 +97,7 @@ impl Sequence {
                 *depth = 0.0;
             }
         }
-        Ok(())
+        Ok(Some(classes))
     }
 
     /// The class of each pixel of a depth image, as stored; `None` without confidence.

@@ -52,7 +52,7 @@ pub use keyframes::{
 };
 pub use layouts::DenseCloud;
 pub use live::{LiveCamera, LiveFrame, LiveSequence};
-pub use load::{ColorImage, DepthImage};
+pub use load::{ColorImage, DepthImage, LoadedDepth};
 pub use open::{OpenOptions, video_to_unpack};
 pub use sequence::{DepthCalibration, Frame, Sequence};
 pub use sidecar::SIDECAR_FILE;

@@ -19,6 +19,18 @@ use super::{DepthCalibration, DepthClasses, FrameError, Sequence};
 /// Depth z of each pixel in pose units; 0 where unknown.
 pub type DepthImage = Plane<f32>;
 
+/// Depth of a frame, and what else is known of it.
+#[derive(Debug, Clone)]
+pub struct LoadedDepth {
+    /// The depth.
+    pub depth: DepthImage,
+    /// Number of values that the camera cannot have measured; they are unknown.
+    pub unmeasurable: usize,
+    /// Standard deviation of each depth beyond the noise of the camera, as a share of the depth, by its class of
+    /// [confidence](Sequence::set_class_noise). `None` if no class has any, or the frame has no confidence.
+    pub excess: Option<DepthImage>,
+}
+
 /// An interleaved 8-bit sRGB image.
 pub type ColorImage = image::RgbImage;
 
@@ -128,32 +140,44 @@ impl Sequence {
     /// # Panics
     /// If the index is out of range.
     pub fn load_depth(&self, index: usize) -> Result<Option<DepthImage>, FrameError> {
-        let loaded = self.load_depth_counted(index)?;
-        Ok(loaded.map(|(depth, _)| depth))
+        let loaded = self.load_depth_with_excess(index)?;
+        Ok(loaded.map(|loaded| loaded.depth))
     }
 
-    /// As [`load_depth`](Self::load_depth), with the number of values that the camera cannot have measured.
+    /// As [`load_depth`](Self::load_depth), with what confidence says of it.
     ///
     /// # Errors
     /// As [`Sequence::load_depth`].
     ///
     /// # Panics
     /// If the index is out of range.
-    pub fn load_depth_counted(
-        &self,
-        index: usize,
-    ) -> Result<Option<(DepthImage, usize)>, FrameError> {
+    pub fn load_depth_with_excess(&self, index: usize) -> Result<Option<LoadedDepth>, FrameError> {
         let (Some(path), Some(calibration)) = (&self.frames[index].depth, &self.depth) else {
             return Ok(None);
         };
         let mut depth = self.depth_values(path, calibration)?;
-        self.leave_out_uncertain(path, &mut depth)?;
-        let removed = remove_unmeasurable(depth.samples_mut());
+        let classes = self.leave_out_uncertain(path, &mut depth)?;
+        let unmeasurable = remove_unmeasurable(depth.samples_mut());
         let mut depth = self.undistorted_depth(index, path, calibration, depth)?;
         if let Some(correction) = self.depth_corrections.get(&index) {
             correction.apply(depth.samples_mut());
         }
-        Ok(Some((depth, removed)))
+        let noise = self.confidence_noise.as_ref().filter(|it| it.is_any());
+        let excess = match noise.zip(classes) {
+            Some((noise, classes)) => {
+                let classes = self.undistorted_classes(index, path, calibration, &classes)?;
+                let excess = classes.samples().iter().map(|class| noise.of(*class));
+                let excess = excess.map(|excess| excess.unwrap_or(0.0)).collect();
+                let excess = Plane::new(classes.width(), classes.height(), excess);
+                Some(excess.map_err(|error| undecodable(path, error.to_string()))?)
+            }
+            None => None,
+        };
+        Ok(Some(LoadedDepth {
+            depth,
+            unmeasurable,
+            excess,
+        }))
     }
 
     /// The depth image of a frame of which nothing is left out, with the class of confidence of each pixel; `None` if it has no depth.
@@ -182,33 +206,6 @@ impl Sequence {
             correction.apply(depth.samples_mut());
         }
         Ok(Some((depth, classes)))
-    }
-
-    /// Standard deviation of each depth of a frame beyond the noise of the camera, as a share of the depth, by its class of
-    /// [confidence](Self::set_class_noise). `None` if no class has any, or the frame has no confidence.
-    ///
-    /// # Errors
-    /// As [`Sequence::load_depth`].
-    ///
-    /// # Panics
-    /// If the index is out of range.
-    pub fn load_depth_excess(&self, index: usize) -> Result<Option<DepthImage>, FrameError> {
-        let frame = self.frames[index].depth.as_ref().zip(self.depth.as_ref());
-        let noise = self.confidence_noise.as_ref();
-        let (Some((path, calibration)), Some(noise)) = (frame, noise.filter(|it| it.is_any()))
-        else {
-            return Ok(None);
-        };
-        let depth = self.depth_values(path, calibration)?;
-        let Some(classes) = self.confidence_classes(path, &depth)? else {
-            return Ok(None);
-        };
-        let classes = self.undistorted_classes(index, path, calibration, &classes)?;
-        let excess = classes.samples().iter().map(|class| noise.of(*class));
-        let excess = excess.map(|excess| excess.unwrap_or(0.0)).collect();
-        Plane::new(classes.width(), classes.height(), excess)
-            .map(Some)
-            .map_err(|error| undecodable(path, error.to_string()))
     }
 
     /// Classes in the geometry of the loaded depth.

@@ -6,7 +6,7 @@ use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::DepthSensor;
 use linecarve_lines::image::{GrayImage, Plane};
 use linecarve_lines::{ExtractError, ExtractOptions, SegmentExtractor};
-use linecarve_sequence::{ColorImage, DepthImage, Sequence};
+use linecarve_sequence::{ColorImage, DepthImage, LoadedDepth, Sequence};
 use nalgebra::Isometry3;
 
 use super::colors::KeyframeColors;
@@ -88,15 +88,16 @@ impl SensorFrontEnd {
         let name = || sequence.frames()[frame].name.clone();
         let start = Instant::now();
         let (image, color) = sequence.load_gray_and_color(frame)?;
-        let (depth, unmeasurable) = sequence
-            .load_depth_counted(frame)?
+        let LoadedDepth {
+            depth,
+            unmeasurable,
+            excess,
+        } = sequence
+            .load_depth_with_excess(frame)?
             .ok_or_else(|| FrontEndError::WithoutDepth { frame: name() })?;
         let sigma = match sequence.load_depth_sigma(frame)? {
             Some(sigma) => Some(sigma),
-            None => {
-                let excess = sequence.load_depth_excess(frame)?;
-                excess.map(|excess| self.deviations(&depth, excess))
-            }
+            None => excess.map(|excess| self.deviations(&depth, excess)),
         };
         let images = KeyframeImages {
             gray: &image,

@@ -336,8 +336,10 @@ fn depth(sequence: &Sequence, samples: usize) -> Result<Option<DepthFacts>, Fram
     let measured = evenly_spaced(with_depth.len(), samples)
         .par_iter()
         .map(|&at| {
-            let depth = skip_unreadable(sequence.load_depth_counted(with_depth[at]))?.flatten();
-            Ok(depth.map(|(depth, unmeasurable)| {
+            let loaded =
+                skip_unreadable(sequence.load_depth_with_excess(with_depth[at]))?.flatten();
+            Ok(loaded.map(|loaded| {
+                let (depth, unmeasurable) = (loaded.depth, loaded.unmeasurable);
                 let all = depth.samples();
                 let known = all.iter().filter(|&&z| z > 0.0).count();
                 let few: Vec<f64> = all

@@ -257,10 +257,14 @@ fn depth_of_the_lowest_confidence_is_left_out() {
         });
         sequence.set_class_noise(&[best, worst]);
         assert_eq!(sequence.load_depth(1).unwrap().as_ref(), Some(&without));
-        let excess = sequence.load_depth_excess(1).unwrap().unwrap();
+        let excess_of = |sequence: &Sequence, frame| {
+            let loaded = sequence.load_depth_with_excess(frame).unwrap();
+            loaded.unwrap().excess
+        };
+        let excess = excess_of(&sequence, 1).unwrap();
         assert!(excess.row(0).iter().all(|excess| *excess == 0.25));
         assert!(excess.row(1).iter().all(|excess| *excess == 0.0));
-        assert!(sequence.load_depth_excess(0).unwrap().is_none());
+        assert!(excess_of(&sequence, 0).is_none());
         let (all, classes) = sequence.load_depth_classes(1).unwrap().unwrap();
         assert_eq!((all, classes.unwrap().row(1)[0]), (without.clone(), others));
         let worst = ClassNoise {
@@ -270,7 +274,7 @@ fn depth_of_the_lowest_confidence_is_left_out() {
         sequence.set_class_noise(&[worst]);
         let nothing = sequence.load_depth(1).unwrap().unwrap();
         assert!(nothing.samples().iter().all(|depth| *depth == 0.0));
-        assert!(sequence.load_depth_excess(1).unwrap().is_none());
+        assert!(excess_of(&sequence, 1).is_none());
         write(2, 1, vec![0, 1]);
         let error = sequence.load_depth(1).unwrap_err().to_string();
         assert!(error.contains("2 x 1, and depth is 64 x 48"), "{error}");
