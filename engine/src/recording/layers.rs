@@ -4,15 +4,18 @@ use nalgebra::Isometry3;
 
 use super::{Recording, RecordingError};
 use crate::front_end::{
-    DepthSource, ImagePosesError, LayerSummary, class_noise, measure_confidence,
+    DepthSource, ImagePosesError, KeyframeDepths, LayerSummary, class_noise, measure_confidence,
     read_keyframe_depth,
 };
 use crate::run::ProgressHook;
 use linecarve_tracking::{LayerAlignment, align_layers, compare_layers};
 
+/// Pairs of keyframes that are compared first.
+const FIRST_PAIRS: usize = 8;
+
 impl Recording {
-    /// Compares the depth of the keyframes. Corrects their poses and the scale and shift of their depth where held-back overlaps say that
-    /// their surfaces then agree, and measures what classes of confidence are worth.
+    /// Compares the depth of 16 keyframes and, if they disagree or have a confidence, of all. Corrects their poses and the scale and
+    /// shift of their depth where held-back overlaps say that their surfaces then agree, and measures what classes of confidence are worth.
     ///
     /// # Errors
     /// When an image cannot be read, and the error is not limited to it.
@@ -25,9 +28,22 @@ impl Recording {
             return Ok(());
         }
         let noise = sensor.noise;
+        let read = |frames: &[usize]| {
+            let read = read_keyframe_depth(&self.sequence, frames, noise);
+            read.map_err(ImagePosesError::Image)
+        };
         let mut task = progress.begin("depth", self.keyframes.len(), "comparing depth images");
-        let read = read_keyframe_depth(&self.sequence, &self.keyframes, noise);
-        let keyframes = read.map_err(ImagePosesError::Image)?;
+        let first = first_compared(&self.keyframes);
+        if !self.sequence.has_confidence() && first.len() < self.keyframes.len() {
+            let KeyframeDepths { layers, .. } = read(&first)?;
+            let alignment = compare_layers(&layers);
+            if !alignment.exceeds_noise() {
+                self.layers = Some(LayerSummary::of(&layers, &alignment));
+                task.set(self.keyframes.len());
+                return Ok(());
+            }
+        }
+        let keyframes = read(&self.keyframes)?;
         task.set(self.keyframes.len());
         drop(task);
         let layers = &keyframes.layers;
@@ -69,6 +85,18 @@ impl Recording {
     }
 }
 
+/// Keyframes whose depth is compared first: pairs of neighbours, spread evenly. Errors of single keyframes show between neighbours, drift
+/// between pairs.
+fn first_compared(keyframes: &[usize]) -> Vec<usize> {
+    if keyframes.len() <= 2 * FIRST_PAIRS {
+        return keyframes.to_vec();
+    }
+    let pairs = (0..FIRST_PAIRS).map(|pair| pair * (keyframes.len() - 2) / (FIRST_PAIRS - 1));
+    pairs
+        .flat_map(|at| [keyframes[at], keyframes[at + 1]])
+        .collect()
+}
+
 fn layer_warning(summary: &LayerSummary) -> String {
     let what = match summary.corrected {
         "poses" => "poses",
@@ -81,4 +109,24 @@ fn layer_warning(summary: &LayerSummary) -> String {
         100.0 * summary.distance,
         100.0 * summary.corrected_distance
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn neighbours_are_compared_first_from_the_first_to_the_last() {
+        let keyframes: Vec<usize> = (0..100).map(|number| 3 * number).collect();
+        let first = first_compared(&keyframes);
+        assert_eq!(first.len(), 16);
+        assert!(first.is_sorted_by(|a, b| a < b));
+        assert_eq!(
+            (first[..2].to_vec(), first[14..].to_vec()),
+            (vec![0, 3], vec![294, 297])
+        );
+        assert!(first.chunks(2).all(|pair| pair[1] == pair[0] + 3));
+        assert_eq!(first_compared(&keyframes[..16]), keyframes[..16]);
+        assert_eq!(first_compared(&keyframes[..17]).len(), 16);
+    }
 }

@@ -31,7 +31,7 @@ pub struct LayerAlignment {
     pub overlaps: Vec<[usize; 2]>,
     /// Number of those that were held back from the estimation.
     pub held_back: usize,
-    /// Median distance between held-back layers as given, as a share of the depth.
+    /// Median distance between layers as given, as a share of the depth: those held back, if any are.
     pub before: f64,
     /// The same after the estimation; as `before` if nothing was estimated.
     pub after: f64,
@@ -92,10 +92,10 @@ impl LayerModel {
 pub fn align_layers(layers: &[DepthLayer]) -> LayerAlignment {
     let [adjusted, held_back] = pairs(layers);
     let mut alignment = compared(layers, [&adjusted, &held_back]);
-    let (before, noise) = (alignment.before, alignment.noise);
-    if before <= BEYOND_NOISE * noise {
+    if !alignment.exceeds_noise() {
         return alignment;
     }
+    let (before, noise) = (alignment.before, alignment.noise);
     let given = alignment.placements.clone();
     let depth = mean_depth(layers);
     let mut estimation = Estimation {
@@ -166,10 +166,18 @@ pub fn align_layers(layers: &[DepthLayer]) -> LayerAlignment {
     alignment
 }
 
-/// Compares layers as [`align_layers`] does, and takes them as given.
+/// Compares layers in all overlaps, and takes them as given.
 pub fn compare_layers(layers: &[DepthLayer]) -> LayerAlignment {
-    let [adjusted, held_back] = pairs(layers);
-    compared(layers, [&adjusted, &held_back])
+    let mut alignment = compared(layers, [&[], &pairs(layers).concat()]);
+    alignment.held_back = 0;
+    alignment
+}
+
+impl LayerAlignment {
+    /// Whether the layers as given lie further apart than noise explains.
+    pub fn exceeds_noise(&self) -> bool {
+        self.before > BEYOND_NOISE * self.noise
+    }
 }
 
 fn compared(layers: &[DepthLayer], [adjusted, held_back]: [&[LayerPair]; 2]) -> LayerAlignment {
