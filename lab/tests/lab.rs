@@ -113,7 +113,7 @@ fn tables_as_text_name_rows_and_bars() {
 
 #[test]
 fn tables_take_a_cloud_align_it_and_carve_surfaces() {
-    let folder = small_sequence(8);
+    let folder = small_sequence(5);
     let sequence = folder.path().join("sequence");
     let out = folder.path().join("points");
     lines(0, "points", &sequence, &out, &["--every", "1", "--quiet"]);

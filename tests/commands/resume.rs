@@ -85,14 +85,16 @@ fn check_resuming(frames: usize, source: &[&str]) {
         .copied()
         .chain(["--memory-limit", "1M"])
         .collect();
-    for case in ["interrupted", "killed", "damaged"] {
+    // What differs between them is what they leave, whatever the source.
+    let cases = ["interrupted", "killed", "damaged"];
+    for case in &cases[..if source.is_empty() { 3 } else { 1 }] {
         let out = folder.path().join(case);
         let said = stderr(&expect_status(1, arguments(&sequence, &out, &limited)));
         assert!(said.contains("after 1 of"), "{said}");
         assert!(out.join("report.json").is_file() && out.join("mesh.ply").is_file());
         assert!(stored(&out) > 0);
         let first = out.join(".linecarve/000000.keyframe");
-        match case {
+        match *case {
             "killed" => {
                 for entry in std::fs::read_dir(&out).unwrap().flatten() {
                     if entry.path().is_file() {

@@ -164,7 +164,7 @@ fn sessions_that_cannot_track_are_refused() {
 #[test]
 #[ignore = "needs LINECARVE_DATA"]
 fn frames_of_a_recorded_kitchen_end_as_a_run_over_the_recording() {
-    const FRAMES: usize = 40;
+    const FRAMES: usize = 24;
     let kitchen = data("seven-scenes");
     let folder = tempfile::tempdir().unwrap();
     let recording = folder.path().join("recording");

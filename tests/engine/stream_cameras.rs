@@ -134,10 +134,10 @@ fn assert_final_poses(end: &SessionEnd, expected: &[(usize, Isometry3<f64>)]) {
 
 #[test]
 fn stereo_pairs_have_the_poses_of_causal_tracking_and_a_surface() {
-    let pairs = Pairs::new(14);
+    let pairs = Pairs::new(9);
     let (replies, end) = run_twice(&pairs.messages(true));
     let causal = pairs.tracked(TrackingMode::Stereo, true);
-    assert_eq!((replies.len(), causal.len()), (14, 14));
+    assert_eq!((replies.len(), causal.len()), (9, 9));
     for (reply, (_, expected)) in replies.iter().zip(&causal) {
         assert_eq!((reply.submap, reply.reason.as_deref()), (Some(0), None));
         assert_same(&pose(&reply.world_from_camera), expected, reply.id);

@@ -6,7 +6,7 @@ fn live_tracker(looks_ahead: bool) -> Tracker {
     let options = TrackingOptions {
         starts_early: true,
         looks_ahead,
-        ..TrackingOptions::monocular()
+        ..one_camera()
     };
     let camera = Camera::pinhole(200.0, 200.0, 159.5, 119.5).unwrap();
     Tracker::new(options, &camera, WIDTH, HEIGHT).unwrap()
@@ -57,7 +57,7 @@ fn a_recording_that_ends_before_the_map_starts_ends_as_one_that_was_there_from_t
     let mut live = live_tracker(true);
     let mut causal = live_tracker(false);
     let camera = Camera::pinhole(200.0, 200.0, 159.5, 119.5).unwrap();
-    let options = TrackingOptions::monocular();
+    let options = one_camera();
     let mut recorded = Tracker::new(options, &camera, WIDTH, HEIGHT).unwrap();
     for number in 0..10 {
         assert_eq!(live.track(relief(number)), WAITING);

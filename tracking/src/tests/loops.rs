@@ -1,5 +1,7 @@
 //! Loops: true ones are closed, those of places that only look alike are not.
 
+use std::sync::LazyLock;
+
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::{InverseDepth, InverseDepthMap};
 use linecarve_lines::image::GrayImage;
@@ -39,6 +41,10 @@ fn features(image: &GrayImage, inverse_depth: impl Fn(usize) -> f32) -> FrameFea
 /// Radius of the round room, and how far the camera in its middle turns in a frame.
 const RADIUS_M: f64 = 2.0;
 const FRAMES_AROUND: usize = 100;
+
+/// A turn and an eighth of the next.
+static ROUND_ROOM: LazyLock<Vec<FrameFeatures>> =
+    LazyLock::new(|| (0..=FRAMES_AROUND + 12).map(round_room).collect());
 
 /// The view of a camera that turns in the middle of a round room.
 fn round_room(number: usize) -> FrameFeatures {
@@ -83,7 +89,7 @@ fn turned_back(pose: &FramePose) -> (f64, f64) {
 fn a_camera_that_turns_around_closes_its_loop() {
     let mut tracker = tracker(options());
     for number in 0..=FRAMES_AROUND + 12 {
-        tracker.track(round_room(number));
+        tracker.track(ROUND_ROOM[number].clone());
     }
     let found = tracker.finish();
     assert!(
@@ -102,7 +108,7 @@ fn a_loop_needs_keyframes_that_agree_where_the_place_is() {
         ..options()
     });
     for number in 0..=FRAMES_AROUND + 4 {
-        tracker.track(round_room(number));
+        tracker.track(ROUND_ROOM[number].clone());
     }
     let last = tracker.reference;
     let candidates = tracker.loop_candidates(last);

@@ -118,10 +118,10 @@ fn noise_within_the_tolerance_is_flattened_and_beyond_it_stays() {
 
 #[test]
 fn a_wide_noisy_wall_becomes_few_triangles() {
-    let mesh = noisy(gridded_box(60), 0.0003, 2);
+    let mesh = noisy(gridded_box(30), 0.0003, 2);
     let result = simplify(&mesh, &[], &SimplifyOptions::with_tolerance(0.002)).unwrap();
     assert!(result.mesh.triangles.len() * 50 < mesh.triangles.len());
-    assert!(result.largest_distance <= 0.002 && result.checked_points > 100_000);
+    assert!(result.largest_distance <= 0.002 && result.checked_points > 25_000);
     demand_same(&mesh, &result.mesh, 0.002);
 }
 
