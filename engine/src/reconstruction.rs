@@ -312,6 +312,11 @@ impl Reconstruction {
         self.recording
     }
 
+    /// The recording, and what maps its keyframes.
+    pub(crate) fn into_parts(self) -> (Recording, Mapper) {
+        (self.recording, self.mapper)
+    }
+
     /// The map, in the frame of computation.
     pub fn map(&self) -> &Map {
         self.mapper.map()

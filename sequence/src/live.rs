@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use linecarve_lines::camera::{Camera, CameraCorrection};
+use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
 
 use super::assemble::{assemble, extrinsics};
@@ -128,56 +128,41 @@ impl LiveSequence {
             .world_from_color(world_from_camera, &self.extrinsics)
     }
 
+    /// The sequence, to which nothing is appended any more.
+    pub fn into_sequence(self) -> Sequence {
+        self.sequence
+    }
+
+    /// A frame as it was appended, with its present pose.
+    ///
+    /// # Panics
+    /// If the index is out of range.
+    pub fn frame(&self, index: usize) -> LiveFrame {
+        let frame = &self.sequence.frames[index];
+        LiveFrame {
+            name: frame.name.clone(),
+            world_from_camera: self.sequence.recorded_poses[index],
+            color: frame.color.clone(),
+            depth: frame.depth.clone(),
+            right: frame.right.clone(),
+        }
+    }
+
     /// As [`Sequence::limit_image_size`].
     pub fn limit_image_size(&mut self, longest_side: u32) {
         self.sequence.limit_image_size(longest_side);
     }
 
-    /// As [`Sequence::set_poses`].
-    ///
-    /// # Panics
-    /// If an index is out of range.
-    pub fn set_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
-        self.sequence.set_poses(poses);
-    }
-
-    /// Replaces what was recorded of the poses of frames, as the calibration reads them; [`set_poses`](Self::set_poses) says where the
-    /// colour cameras are.
+    /// Replaces poses of frames, by index, as they are recorded: of the camera that the calibration names.
     ///
     /// # Panics
     /// If an index is out of range.
     pub fn set_recorded_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
         for (frame, pose) in poses {
+            let world_from_color = self.world_from_color(&pose);
             self.sequence.recorded_poses[frame] = pose;
+            self.sequence.set_poses([(frame, world_from_color)]);
         }
-    }
-
-    /// As [`Sequence::set_fitted_poses`].
-    pub fn set_fitted_poses(&mut self, poses: impl IntoIterator<Item = (usize, Isometry3<f64>)>) {
-        self.sequence.set_fitted_poses(poses);
-    }
-
-    /// As [`Sequence::correct_color_camera`].
-    ///
-    /// # Errors
-    /// If the corrected camera is none.
-    pub fn correct_color_camera(
-        &mut self,
-        correction: &CameraCorrection,
-    ) -> Result<(), SequenceError> {
-        self.sequence
-            .correct_color_camera(correction)
-            .map_err(|error| content(error.to_string()))
-    }
-
-    /// As [`Sequence::set_stored_color_camera`].
-    ///
-    /// # Errors
-    /// If images are reduced, and the camera of the reduced ones is none.
-    pub fn set_stored_color_camera(&mut self, camera: Camera) -> Result<(), SequenceError> {
-        self.sequence
-            .set_stored_color_camera(camera)
-            .map_err(|error| content(error.to_string()))
     }
 
     /// Appends a frame and returns its index. Its depth image is ignored if the first frame had none.

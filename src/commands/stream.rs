@@ -94,6 +94,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
     let mut warnings: Vec<String> = unmeasurable_warning(unmeasurable).into_iter().collect();
     let is_contradicted = summary.contradiction.is_some() && !args.accept_as_is;
     warnings.extend(summary.contradiction.clone());
+    warnings.extend(summary.warnings.iter().cloned());
     let of_tracking = tracking.iter().flat_map(|tracking| &tracking.warnings);
     for warning in of_tracking.chain(&warnings) {
         if verbosity > Verbosity::Quiet {

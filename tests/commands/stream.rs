@@ -16,7 +16,11 @@ pub(crate) struct Recording {
 
 impl Recording {
     pub(crate) fn new() -> Self {
-        let recording = LiveRecording::new(FRAMES);
+        Self::of(LiveRecording::new(FRAMES))
+    }
+
+    /// What a run makes of it.
+    fn of(recording: LiveRecording) -> Self {
         let sequence = recording.folder.path().join("sequence");
         let out = recording.folder.path().join("batch");
         let arguments = [
@@ -27,6 +31,7 @@ impl Recording {
             "--final-only",
             "--no-picture",
             "--quiet",
+            "--accept-as-is",
         ];
         expect_status(0, arguments.into_iter().chain(["--out", text(&out)]));
         let report: Value =
@@ -102,6 +107,37 @@ fn a_session_with_corrections_ends_with_the_surface_of_the_recording() {
         let read = |run: &str| std::fs::read(recording.folder().join(run).join(name)).unwrap();
         assert!(read("batch") == read("live"), "{name} differs");
     }
+}
+
+#[test]
+fn depth_images_that_disagree_are_corrected_at_the_end_as_in_a_run() {
+    const FRAMES: usize = 10;
+    /// Depth of every other keyframe is too large by this factor.
+    const FACTOR: f64 = 1.05;
+    let recording = LiveRecording::new(FRAMES);
+    for frame in (1..FRAMES).step_by(2) {
+        let path = recording.file(frame, "depth");
+        let mut depth = image::open(&path).unwrap().into_luma16();
+        for pixel in depth.pixels_mut() {
+            pixel.0[0] = (f64::from(pixel.0[0]) * FACTOR).round() as u16;
+        }
+        depth.save(&path).unwrap();
+    }
+    let recording = Recording::of(recording);
+    let mut messages = vec![recording.start.clone()];
+    messages.extend((0..FRAMES).map(|frame| recording.keyframe(frame, &recording.poses[frame])));
+    // The scale is that of all keyframes.
+    messages[0].as_object_mut().unwrap().remove("median_depth");
+    let lines: Vec<String> = messages.iter().map(Value::to_string).collect();
+    let out = recording.folder().join("live");
+    let (status, replies) = stream(&["--accept-as-is", "--out", text(&out)], &lines);
+    let end = replies.last().unwrap();
+    assert_eq!(status, Some(0), "{end}");
+    let said = end["warnings"].to_string();
+    assert!(said.contains("disagree"), "{end}");
+    assert_eq!(end["corrected_poses"].as_array().unwrap().len(), FRAMES);
+    let read = |run: &str| std::fs::read(recording.folder().join(run).join("mesh.ply")).unwrap();
+    assert!(read("batch") == read("live"), "mesh.ply differs");
 }
 
 #[test]

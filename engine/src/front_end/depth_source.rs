@@ -1,8 +1,11 @@
 //! Source of the depth of keyframes.
 
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
+use linecarve_sequence::Sequence;
 
-use crate::options::SemiDenseStage;
+use super::image_scale::{ScaleError, median_depth_from_images};
+use super::scale::median_scene_depth;
+use crate::options::{Options, SemiDenseStage};
 
 /// Source of the depth of keyframes.
 #[derive(Debug, Clone)]
@@ -23,6 +26,41 @@ pub struct SemiDenseSource {
 }
 
 impl DepthSource {
+    /// The depth of `frames`, from their images alone if `is_semi_dense`, and the median scene depth: `given`, or measured in these frames.
+    /// `None` when it cannot be measured, or there are no depth images.
+    ///
+    /// # Errors
+    /// When an option is out of range, or images contradict the calibration.
+    ///
+    /// # Complexity
+    /// Decoding of a few dozen images; none when the depth is given.
+    pub(crate) fn of_frames(
+        sequence: &Sequence,
+        frames: &[usize],
+        is_semi_dense: bool,
+        given: Option<f64>,
+        options: &Options,
+    ) -> Result<Option<(Self, f64)>, ScaleError> {
+        let stage = options.semi_dense;
+        let median_depth = match given {
+            Some(depth) => Some(depth),
+            None if is_semi_dense => median_depth_from_images(sequence, frames, &stage.matching)?,
+            None => median_scene_depth(sequence, frames)?,
+        };
+        let source = |median_depth| match is_semi_dense {
+            true => Some(Self::SemiDense(Box::new(SemiDenseSource {
+                options: stage,
+                median_depth,
+            }))),
+            false => {
+                let calibration = sequence.depth_calibration()?;
+                let noise = options.sensor.relative_noise;
+                Some(Self::Sensor(calibration.sensor(noise, median_depth)))
+            }
+        };
+        Ok(median_depth.and_then(|depth| Some((source(depth)?, depth))))
+    }
+
     /// Standard deviation of a single depth.
     pub fn noise(&self) -> SensorNoise {
         match self {

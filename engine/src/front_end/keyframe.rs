@@ -84,21 +84,33 @@ pub struct FeatureKeyframe {
 }
 
 impl Keyframe {
+    /// Segments and surface samples; `None` for other keyframes.
+    pub fn lines(&self) -> Option<&LineKeyframe> {
+        match self {
+            Self::Lines(keyframe) => Some(keyframe),
+            Self::Features(_) | Self::Views(_) => None,
+        }
+    }
+
+    fn pose_mut(&mut self) -> Option<&mut Isometry3<f64>> {
+        match self {
+            Self::Lines(keyframe) => Some(&mut keyframe.world_from_camera),
+            Self::Features(keyframe) => Some(&mut keyframe.world_from_camera),
+            Self::Views(_) => None,
+        }
+    }
+
     /// Translates the keyframe. Views of a model are translated with the model.
     pub fn translate(&mut self, shift: &Vector3<f64>) {
-        match self {
-            Self::Lines(keyframe) => keyframe.world_from_camera.translation.vector += shift,
-            Self::Features(keyframe) => keyframe.world_from_camera.translation.vector += shift,
-            Self::Views(_) => {}
+        if let Some(pose) = self.pose_mut() {
+            pose.translation.vector += shift;
         }
     }
 
     /// Replaces the pose of the colour camera. Views of a model have their poses in the model.
-    pub(crate) fn set_world_from_camera(&mut self, pose: Isometry3<f64>) {
-        match self {
-            Self::Lines(keyframe) => keyframe.world_from_camera = pose,
-            Self::Features(keyframe) => keyframe.world_from_camera = pose,
-            Self::Views(_) => {}
+    pub(crate) fn set_world_from_camera(&mut self, world_from_camera: Isometry3<f64>) {
+        if let Some(pose) = self.pose_mut() {
+            *pose = world_from_camera;
         }
     }
 
@@ -122,10 +134,7 @@ impl Keyframe {
 
     /// Number of depth values that the camera cannot have measured.
     pub fn unmeasurable_depths(&self) -> usize {
-        match self {
-            Self::Lines(keyframe) => keyframe.unmeasurable_depths,
-            Self::Features(_) | Self::Views(_) => 0,
-        }
+        self.lines().map_or(0, |lines| lines.unmeasurable_depths)
     }
 
     /// Processor time so far.

@@ -14,6 +14,7 @@ mod features;
 mod image_poses;
 mod image_scale;
 mod keyframe;
+mod live;
 mod placed_poses;
 mod scale;
 mod semi_dense;

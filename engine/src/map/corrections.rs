@@ -2,7 +2,8 @@
 
 use nalgebra::Isometry3;
 
-use super::{Contents, Map, MapError, MapUpdate, ObservationChange};
+use super::contents::Contents;
+use super::{Map, MapError, MapUpdate, ObservationChange};
 
 impl Map {
     /// Keeps what every keyframe measures, for [`correct`](Self::correct); call it before the first one.
@@ -10,7 +11,7 @@ impl Map {
     /// # Memory
     /// 20 bytes a measurement.
     pub(crate) fn keep_measurements(&mut self) {
-        if let Contents::Lines(lines) = &mut self.contents {
+        if let Some(lines) = self.contents.lines_mut() {
             lines.keep_measurements();
         }
     }
@@ -18,12 +19,10 @@ impl Map {
     /// Whether a correction to this pose, in the frame of computation, changes more than a share of the deviation of what the
     /// keyframe measured. Smaller ones need not be made until they add up.
     pub(crate) fn is_moved(&self, keyframe: usize, world_from_camera: &Isometry3<f64>) -> bool {
-        match (&self.contents, self.median_depth) {
-            (Contents::Lines(lines), Some(depth)) => {
-                lines.is_moved(&self.options, depth, keyframe, world_from_camera)
-            }
-            _ => true,
-        }
+        let lines = self.contents.lines().zip(self.median_depth);
+        lines.is_none_or(|(lines, depth)| {
+            lines.is_moved(&self.options, depth, keyframe, world_from_camera)
+        })
     }
 
     /// Moves keyframes, in ascending order, to other poses in the frame of computation, or removes them, with their segments, measurements and rays. The
@@ -39,9 +38,7 @@ impl Map {
         &mut self,
         keyframes: &[(usize, Option<Isometry3<f64>>)],
     ) -> Result<MapUpdate, MapError> {
-        let Contents::Lines(lines) = &mut self.contents else {
-            return Err(MapError::WrongKeyframe);
-        };
+        let lines = self.contents.expect_lines()?;
         let first = keyframes.first().map_or(0, |(keyframe, _)| *keyframe);
         let update = lines.correct(&mut self.carver, keyframes);
         let update = update.map_err(|source| MapError::Keyframe {
@@ -57,9 +54,7 @@ impl Map {
     /// # Errors
     /// As [`correct`](Self::correct).
     pub(crate) fn remove_provisional(&mut self, frames: &[usize]) -> Result<MapUpdate, MapError> {
-        let Contents::Lines(lines) = &mut self.contents else {
-            return Err(MapError::WrongKeyframe);
-        };
+        let lines = self.contents.expect_lines()?;
         let update = lines.remove_provisional(&mut self.carver, frames, self.keyframes)?;
         self.note(&update);
         Ok(update)

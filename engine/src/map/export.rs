@@ -4,9 +4,9 @@ use linecarve_carving::internals::RankedSurface;
 use linecarve_carving::{Carver, ExportOptions, TriangleRole, VertexId, VertexOrigin};
 use linecarve_mesh::{TriangleMesh, close_holes};
 
+use super::Map;
 use super::lines::VertexColors;
 use super::surface::{DEFAULT_COLOR, color_of};
-use super::{Contents, Map};
 use crate::options::{HoleFilling, Options};
 
 /// Most edges of a hole that can be closed; the cost is cubic in them.
@@ -29,9 +29,7 @@ impl Map {
     /// maps of points, whose surface needs nothing more.
     pub(crate) fn surface_of(&mut self, ranked: &RankedSurface) -> Option<TriangleMesh> {
         let export = self.export_options();
-        let Contents::Lines(lines) = &mut self.contents else {
-            return None;
-        };
+        let lines = self.contents.lines_mut()?;
         let mut mesh = lines.surface_of(&self.carver, ranked, &export);
         if self.options.surface.holes == HoleFilling::All {
             close_all_holes(&mut mesh);

@@ -5,6 +5,7 @@
 
 mod carved;
 pub(crate) mod cloud;
+mod contents;
 mod corrections;
 mod depth_evidence;
 mod depth_noise;
@@ -43,10 +44,8 @@ use nalgebra::{Isometry3, Point3};
 use crate::front_end::Keyframe;
 use crate::options::Options;
 use cloud::{CloudSurface, CloudVertices};
+use contents::Contents;
 use lines::LineMap;
-use model::ModelMap;
-use observed::ObservedMap;
-use points::FeatureMap;
 
 pub use carved::CarvedCounts;
 pub use error::MapError;
@@ -79,16 +78,6 @@ pub struct Map {
     surface: Option<Box<MapSurface>>,
     /// Number of keyframes added.
     keyframes: usize,
-}
-
-/// Source of the carved points.
-enum Contents {
-    /// Segments alone; nothing is carved.
-    Segments(Box<SegmentMap>),
-    Lines(Box<LineMap>),
-    Features(Box<FeatureMap>),
-    Model(Box<ModelMap>),
-    Observed(Box<ObservedMap>),
 }
 
 impl Map {
@@ -164,12 +153,11 @@ impl Map {
     /// # Errors
     /// As [`push`](Self::push).
     pub fn push_provisional(&mut self, keyframe: &Keyframe) -> Result<MapUpdate, MapError> {
-        let update = match (&mut self.contents, keyframe) {
-            (Contents::Lines(lines), Keyframe::Lines(keyframe)) => {
-                lines.push_provisional(&mut self.carver, &self.options, keyframe)?
-            }
-            _ => return Err(MapError::WrongKeyframe),
+        let Keyframe::Lines(keyframe) = keyframe else {
+            return Err(MapError::WrongKeyframe);
         };
+        let lines = self.contents.expect_lines()?;
+        let update = lines.push_provisional(&mut self.carver, &self.options, keyframe)?;
         self.note(&update);
         Ok(update)
     }
@@ -200,12 +188,12 @@ impl Map {
         if self.carver.is_deferred() && !is_carved {
             let start = Instant::now();
             update.deltas = vec![self.carver.carve().surface];
-            if let Contents::Lines(lines) = &mut self.contents {
+            if let Some(lines) = self.contents.lines_mut() {
                 lines.finish_deferred(&self.carver, &mut update.recolored);
             }
             self.final_carving = Some(start.elapsed());
         }
-        if let Contents::Lines(lines) = &mut self.contents {
+        if let Some(lines) = self.contents.lines_mut() {
             lines.validate_anew(&self.carver, &mut update.revalidated);
             update.is_all_refitted = true;
         }
@@ -233,7 +221,7 @@ impl Map {
 
     /// Whether vertices of the surface lie elsewhere than they are carved.
     fn is_fitted(&self) -> bool {
-        matches!(self.contents, Contents::Lines(_)) || self.cloud().is_some()
+        self.contents.lines().is_some() || self.cloud().is_some()
     }
 
     /// Brings the followed surface up to date, and returns its change since the last call; `None` when it is not followed.
@@ -251,27 +239,24 @@ impl Map {
     fn update_surface(&self, surface: &mut MapSurface) -> SurfaceChange {
         let longest = self.export_options().longest_edge;
         let role = |triangle: &Triangle| self.role(triangle, longest);
-        match &self.contents {
-            Contents::Lines(lines) => {
+        match (self.contents.lines(), self.cloud()) {
+            (Some(lines), _) => {
                 let vertices = lines.fitted_vertices(&self.carver);
                 surface.update(&self.carver, longest, role, &vertices)
             }
-            _ => match self.cloud() {
-                Some(cloud) => {
-                    let vertices = self.cloud_vertices(cloud);
-                    surface.update(&self.carver, longest, role, &vertices)
-                }
-                None => surface.update(&self.carver, longest, role, &CarvedVertices(&self.carver)),
-            },
+            (None, Some(cloud)) => {
+                let vertices = self.cloud_vertices(cloud);
+                surface.update(&self.carver, longest, role, &vertices)
+            }
+            (None, None) => {
+                surface.update(&self.carver, longest, role, &CarvedVertices(&self.carver))
+            }
         }
     }
 
     /// What is known of the points of a dense cloud; `None` for other maps.
     pub(crate) fn cloud(&self) -> Option<&CloudSurface> {
-        match &self.contents {
-            Contents::Model(model) => model.cloud(),
-            _ => None,
-        }
+        self.contents.model()?.cloud()
     }
 
     fn cloud_vertices<'a>(
@@ -289,7 +274,7 @@ impl Map {
 
     /// How a triangle of the carved surface is exported.
     fn role(&self, triangle: &Triangle, longest: Option<f64>) -> TriangleRole {
-        if let Contents::Lines(lines) = &self.contents {
+        if let Some(lines) = self.contents.lines() {
             return lines.role(&self.carver, triangle, longest);
         }
         let is_short =
@@ -325,42 +310,29 @@ impl Map {
 
     /// Number of segments of provisional keyframes.
     pub fn provisional_segment_count(&self) -> usize {
-        match &self.contents {
-            Contents::Lines(lines) => lines.provisional_segment_count(),
-            _ => 0,
-        }
+        let lines = self.contents.lines();
+        lines.map_or(0, LineMap::provisional_segment_count)
     }
 
     /// The feature points; `None` for other maps.
     pub fn feature_points(&self) -> Option<&PointMap> {
-        match &self.contents {
-            Contents::Features(features) => Some(features.points()),
-            _ => None,
-        }
+        Some(self.contents.features()?.points())
     }
 
     /// The model in the frame of computation and its point counts; `None` for other maps.
     pub fn model(&self) -> Option<(&SparseModel, ModelCounts)> {
-        match &self.contents {
-            Contents::Model(model) => Some((model.model(), model.counts())),
-            _ => None,
-        }
+        let model = self.contents.model()?;
+        Some((model.model(), model.counts()))
     }
 
     /// The model's points carved so far; `None` for other maps.
     pub fn carved_points(&self) -> Option<impl Iterator<Item = &ModelPoint>> {
-        match &self.contents {
-            Contents::Model(model) => Some(model.carved()),
-            _ => None,
-        }
+        Some(self.contents.model()?.carved())
     }
 
     /// The view of the model with the most carved points, the first of equals.
     pub fn richest_view(&self) -> Option<usize> {
-        match &self.contents {
-            Contents::Model(model) => model.richest_view(),
-            _ => None,
-        }
+        self.contents.model()?.richest_view()
     }
 
     /// Poses adjusted by the feature map, in the order of keyframes; `None` for other maps.

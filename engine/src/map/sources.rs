@@ -6,12 +6,13 @@ use linecarve_carving::{Carver, CarverOptions, Hull};
 use linecarve_lines::camera::Camera;
 use linecarve_sequence::{Sequence, SparseModel};
 
+use super::contents::Contents;
 use super::lines::LineMap;
 use super::model::ModelMap;
 use super::observed::ObservedMap;
 use super::points::FeatureMap;
 use super::segment_map::SegmentMap;
-use super::{Contents, Map, MapError};
+use super::{Map, MapError};
 use crate::front_end::DepthSource;
 use crate::options::{LandmarkOptions, Options};
 

@@ -78,6 +78,13 @@ impl Recording {
         self.sequence.set_depth_corrections(corrections);
     }
 
+    /// Whether the images changed poses, camera or depth, or say what confidence is worth.
+    pub(crate) fn is_corrected_by_images(&self) -> bool {
+        self.has_corrected_poses()
+            || self.poses.is_some_and(|poses| poses.camera.is_some())
+            || !self.confidence.is_empty()
+    }
+
     /// Whether keyframes are not where the recording says.
     pub(crate) fn has_corrected_poses(&self) -> bool {
         self.poses.is_some_and(|poses| poses.is_corrected)

@@ -16,12 +16,11 @@ use linecarve_sequence::{Sequence, SparseModel, every_nth, read_keyframe_list, s
 use nalgebra::{Isometry3, Vector3};
 
 use crate::front_end::{
-    ClassSummary, DepthSource, LayerSummary, PoseSummary, SemiDenseSource,
-    median_depth_from_images, median_feature_depth, median_scene_depth,
+    ClassSummary, DepthSource, LayerSummary, PoseSummary, median_feature_depth, median_scene_depth,
 };
 use crate::options::Options;
 use crate::questions::{ROLES_OF_SURFACE, ask};
-use crate::run::RunDescription;
+use crate::run::{ProgressHook, RunDescription};
 use crate::tracking::open_or_track;
 
 pub use fit::camera_warning;
@@ -90,12 +89,26 @@ impl Recording {
             let asked = ask(&opened.sequence, &ROLES_OF_SURFACE, input.accept_as_is)?;
             warnings.extend(asked);
         }
-        let mut recording = Self {
-            warnings,
-            is_tracked: opened.is_tracked,
-            sequence: opened.sequence,
+        let mut recording = Self::new(opened.sequence, options, input.source);
+        recording.warnings = warnings;
+        recording.is_tracked = opened.is_tracked;
+        recording.up = input.up.map(Vector3::from);
+        match input.source {
+            Source::Lines | Source::Segments => recording.prepare_lines(input)?,
+            Source::MapPoints | Source::Model => match recording.sequence.take_sparse_model() {
+                Some(model) => recording.prepare_model(input, model)?,
+                None => recording.prepare_features(input)?,
+            },
+        }
+        Ok(recording)
+    }
+
+    /// A sequence of which nothing is known yet.
+    fn new(sequence: Sequence, options: Options, source: Source) -> Self {
+        Self {
+            sequence,
             options,
-            source: input.source,
+            source,
             keyframes: Vec::new(),
             depth: None,
             median_depth: None,
@@ -104,14 +117,33 @@ impl Recording {
             layers: None,
             confidence: Vec::new(),
             model: None,
-            up: input.up.map(Vector3::from),
-        };
-        match input.source {
-            Source::Lines | Source::Segments => recording.prepare_lines(input)?,
-            Source::MapPoints | Source::Model => match recording.sequence.take_sparse_model() {
-                Some(model) => recording.prepare_model(input, model)?,
-                None => recording.prepare_features(input)?,
-            },
+            up: None,
+            is_tracked: false,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// The recording of lines whose frames are all keyframes, with depth from this source at this median scene depth. As for every recording,
+    /// poses and depth are compared with the images, and corrected where these contradict them. Without `origin` it is chosen.
+    ///
+    /// # Errors
+    /// When an image cannot be read, and the error is not limited to it.
+    pub(crate) fn of_keyframes(
+        sequence: Sequence,
+        options: Options,
+        (depth, median_depth): (DepthSource, f64),
+        is_tracked: bool,
+        origin: Option<Vector3<f64>>,
+    ) -> Result<Self, RecordingError> {
+        let mut recording = Self::new(sequence, options, Source::Lines);
+        recording.keyframes = (0..recording.sequence.frames().len()).collect();
+        recording.depth = Some(depth);
+        recording.median_depth = Some(median_depth);
+        recording.is_tracked = is_tracked;
+        recording.correct_by_images(&ProgressHook::default())?;
+        match origin {
+            Some(origin) => recording.origin = origin,
+            None => recording.choose_origin(median_depth),
         }
         Ok(recording)
     }
@@ -127,15 +159,20 @@ impl Recording {
         let median_depth = self.choose_depth(input.depth)?;
         self.median_depth = Some(median_depth);
         self.choose_keyframes(input, median_depth)?;
-        let is_semi_dense = matches!(self.depth, Some(DepthSource::SemiDense(_)));
-        if is_semi_dense && self.options.pose_correction.enabled {
-            self.correct_poses(&input.progress)?;
-        }
-        if !is_semi_dense {
-            self.compare_depth(&input.progress)?;
-        }
+        self.correct_by_images(&input.progress)?;
         self.choose_origin(median_depth);
         Ok(())
+    }
+
+    /// Compares the keyframes with each other: their images, or their depth images.
+    fn correct_by_images(&mut self, progress: &ProgressHook) -> Result<(), RecordingError> {
+        match &self.depth {
+            Some(DepthSource::Sensor(_)) => self.compare_depth(progress),
+            Some(DepthSource::SemiDense(_)) if self.options.pose_correction.enabled => {
+                self.correct_poses(progress)
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The depth source that was asked for, with the median scene depth.
@@ -143,38 +180,30 @@ impl Recording {
         let folder = self.sequence.folder().display();
         let missing = |text: String| Err(RecordingError::Missing(text));
         let all: Vec<usize> = (0..self.sequence.frames().len()).collect();
-        let calibration = self.sequence.depth_calibration();
-        let (DepthChoice::Auto | DepthChoice::Sensor, Some(calibration)) = (choice, calibration)
-        else {
-            if choice == DepthChoice::Sensor {
-                return missing(format!(
-                    "{folder} has no depth images (layout {}): --depth semi-dense estimates depth from the images",
-                    self.sequence.layout()
-                ));
-            }
-            let stage = self.options.semi_dense;
-            let depth = median_depth_from_images(&self.sequence, &all, &stage.matching)?;
-            let Some(median_depth) = depth else {
-                return missing(format!(
+        let has_images = self.sequence.depth_calibration().is_some();
+        if choice == DepthChoice::Sensor && !has_images {
+            return missing(format!(
+                "{folder} has no depth images (layout {}): --depth semi-dense estimates depth from the images",
+                self.sequence.layout()
+            ));
+        }
+        let is_semi_dense = choice == DepthChoice::SemiDense || !has_images;
+        let depth =
+            DepthSource::of_frames(&self.sequence, &all, is_semi_dense, None, &self.options)?;
+        let Some((source, median_depth)) = depth else {
+            return missing(match is_semi_dense {
+                true => format!(
                     "{folder}: no depth can be estimated from the images looked at: their edges do not match along the \
                      epipolar lines that the poses give. Are the poses and the calibration right (linecarve info), and does the \
                      camera move sideways?"
-                ));
-            };
-            self.depth = Some(DepthSource::SemiDense(Box::new(SemiDenseSource {
-                options: stage,
-                median_depth,
-            })));
-            return Ok(median_depth);
+                ),
+                false => format!(
+                    "{folder}: none of the depth images looked at holds a depth: are they the right files? (--depth semi-dense does \
+                     without them)"
+                ),
+            });
         };
-        let Some(median_depth) = median_scene_depth(&self.sequence, &all)? else {
-            return missing(format!(
-                "{folder}: none of the depth images looked at holds a depth: are they the right files? (--depth semi-dense does \
-                 without them)"
-            ));
-        };
-        let noise = self.options.sensor.relative_noise;
-        self.depth = Some(DepthSource::Sensor(calibration.sensor(noise, median_depth)));
+        self.depth = Some(source);
         Ok(median_depth)
     }
 

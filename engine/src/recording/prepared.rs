@@ -150,28 +150,19 @@ impl PreparedRecording {
                 sequence.set_fitted_poses(keyframes().zip(poses.iter().map(|[_, fitted]| *fitted)));
             }
         }
-        let depth = self.median_depth.filter(|_| self.is_semi_dense);
-        let depth = depth.map(|median_depth| {
-            DepthSource::SemiDense(Box::new(SemiDenseSource {
-                options: options.semi_dense,
-                median_depth,
-            }))
-        });
-        Ok(Recording {
-            sequence,
-            options,
-            source: self.source,
-            keyframes: self.keyframes.clone(),
-            depth,
-            median_depth: self.median_depth,
-            origin: Vector3::from(self.origin),
-            poses: None,
-            layers: None,
-            confidence: Vec::new(),
-            model: None,
-            up: None,
-            is_tracked: false,
-            warnings: Vec::new(),
-        })
+        let mut recording = Recording::new(sequence, options, self.source);
+        recording.keyframes = self.keyframes.clone();
+        recording.depth = self
+            .median_depth
+            .filter(|_| self.is_semi_dense)
+            .map(|depth| {
+                DepthSource::SemiDense(Box::new(SemiDenseSource {
+                    options: recording.options.semi_dense,
+                    median_depth: depth,
+                }))
+            });
+        recording.median_depth = self.median_depth;
+        recording.origin = Vector3::from(self.origin);
+        Ok(recording)
     }
 }

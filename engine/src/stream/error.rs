@@ -6,8 +6,9 @@ use linecarve_carving::PointError;
 use linecarve_lines::ExtractError;
 
 use crate::error::Error;
-use crate::front_end::{FrontEndError, ImagePosesError, ScaleError};
+use crate::front_end::{FrontEndError, ScaleError};
 use crate::map::MapError;
+use crate::recording::RecordingError;
 use crate::tracking::TrackError;
 use linecarve_sequence::{KeyframeOptionsError, SequenceError};
 
@@ -223,9 +224,20 @@ pub enum SessionError {
         /// Number of keyframes.
         keyframes: usize,
     },
-    /// The poses cannot be compared with the images.
+    /// No depth image of the keyframes holds a depth at the end.
+    #[error("none of the depth images of the keyframes holds a depth: are they the right files?")]
+    WithoutDepth,
+    /// The images of a keyframe cannot be used any more at the end.
+    #[error("keyframe {id}: {problem}; keep all image files until the session has ended")]
+    Unusable {
+        /// The id.
+        id: u64,
+        /// The problem, which names the file.
+        problem: String,
+    },
+    /// The keyframes cannot be compared with each other at the end.
     #[error(transparent)]
-    ImagePoses(#[from] ImagePosesError),
+    Recording(#[from] RecordingError),
     /// An option is out of range.
     #[error(transparent)]
     Extract(#[from] ExtractError),

@@ -1,7 +1,5 @@
 //! What the images of the first keyframes say about the poses, depth scale and calibration of a session.
 
-use std::path::PathBuf;
-
 use linecarve_sequence::{Sequence, contradiction};
 
 /// Keyframes after which a session asks its images; a shorter one asks at its end.
@@ -13,8 +11,6 @@ const FEWEST: usize = 2;
 /// Asks the first keyframes of a session what a run over a recording asks first.
 #[derive(Debug, Default)]
 pub(super) struct FirstKeyframes {
-    /// Images of messages, which are kept until the question was asked.
-    held: Vec<PathBuf>,
     added: usize,
     is_asked: bool,
     contradiction: Option<String>,
@@ -23,25 +19,16 @@ pub(super) struct FirstKeyframes {
 }
 
 impl FirstKeyframes {
-    /// A keyframe was added. Takes files of its images that nothing else needs, and returns those that may be deleted.
-    pub(super) fn add(
-        &mut self,
-        sequence: Option<&Sequence>,
-        images: Vec<PathBuf>,
-    ) -> Vec<PathBuf> {
-        if self.is_asked {
-            return images;
-        }
-        self.held.extend(images);
+    /// A keyframe was added.
+    pub(super) fn add(&mut self, sequence: Option<&Sequence>) {
         self.added += 1;
-        if self.added < KEYFRAMES {
-            return Vec::new();
+        if self.added >= KEYFRAMES {
+            self.ask(sequence);
         }
-        self.ask(sequence)
     }
 
-    /// Asks what was not asked yet, and returns the files that may be deleted.
-    pub(super) fn ask(&mut self, sequence: Option<&Sequence>) -> Vec<PathBuf> {
+    /// Asks, unless the images were asked before.
+    pub(super) fn ask(&mut self, sequence: Option<&Sequence>) {
         if !self.is_asked && self.added >= FEWEST {
             // The session has accepted the images: what cannot be compared contradicts nothing.
             self.contradiction =
@@ -49,7 +36,11 @@ impl FirstKeyframes {
             self.unreported.clone_from(&self.contradiction);
         }
         self.is_asked = true;
-        std::mem::take(&mut self.held)
+    }
+
+    /// Whether the images were asked, so that those of removed keyframes are not needed any more.
+    pub(super) fn is_asked(&self) -> bool {
+        self.is_asked
     }
 
     /// What contradicts the images, and the remedy.

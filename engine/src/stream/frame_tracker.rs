@@ -99,27 +99,19 @@ impl FrameTracker {
         tracking.starts_early = true;
         options.keyframes.validate()?;
         let mut median_depth = start.median_depth;
-        let preparation = match mode {
-            TrackingMode::Rgbd => {
-                let no_depth = SessionError::FrameWithoutDepth { id };
-                let Some(calibration) = sequence.depth_calibration() else {
-                    return Err(no_depth);
-                };
-                let loaded = sequence.load_depth(0);
-                loaded.map_err(|error| failed(error.into()))?;
-                let measured =
-                    || median_scene_depth(sequence, &[0]).map_err(|error| failed(error.into()));
-                let depth = match start.median_depth {
-                    Some(depth) => depth,
-                    None => measured()?.ok_or(no_depth)?,
-                };
-                median_depth = Some(depth);
-                let sensor = calibration.sensor(options.sensor.relative_noise, depth);
-                Preparation::of_sensor(sensor, &tracking)
+        if mode == TrackingMode::Rgbd {
+            let loaded = sequence.load_depth(0);
+            loaded.map_err(|error| failed(error.into()))?;
+            if median_depth.is_none() {
+                let measured = median_scene_depth(sequence, &[0]);
+                median_depth = measured.map_err(|error| failed(error.into()))?;
             }
-            TrackingMode::Stereo => Preparation::of_pairs(&tracking),
-            TrackingMode::Mono => Preparation::of_images(&tracking),
-        };
+            if median_depth.is_none() || sequence.depth_calibration().is_none() {
+                return Err(SessionError::FrameWithoutDepth { id });
+            }
+        }
+        let noise = options.sensor.relative_noise;
+        let preparation = Preparation::new(sequence, mode, median_depth, noise, &tracking);
         let (camera, size) = preparation.camera(sequence);
         let [width, height] = [size.width, size.height].map(|side| side as usize);
         let tracker =

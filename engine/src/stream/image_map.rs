@@ -1,38 +1,34 @@
-//! The map of a session with depth from images alone.
+//! The map of a session with images: until the end keyframes move with their poses, then a run is made over them.
+
+use std::collections::BTreeMap;
 
 use linecarve_carving::accept_position;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::SessionError;
-use super::message::StartMessage;
-use super::semi_dense_mapper::{SemiDenseMapper, empty_map};
-use super::session_keyframes::{SessionKeyframe, SessionKeyframes};
+use super::final_run::{FinalRun, begin_sequence, recording_of};
+use super::live_mapping::{LiveMapping, empty_map};
+use super::message::{DepthKind, StartMessage};
+use super::session_keyframes::SessionKeyframes;
 use super::session_map::{NewestKeyframe, SessionMap, SessionState};
-use crate::front_end::{
-    Arrival, DepthSource, FrontEnd, SemiDenseSource, correct_poses, far_origin, group_size,
-    median_depth_from_images, run_in_groups,
-};
+use crate::front_end::{DepthSource, far_origin};
 use crate::map::{Map, SurfaceChange};
 use crate::mapper::Mapper;
 use crate::options::Options;
-use linecarve_lines::camera::{Camera, CameraCorrection};
+use crate::recording::Recording;
 use linecarve_sequence::{LiveFrame, LiveSequence, Sequence};
 
-/// A map of keyframes with semi-dense depth. Pose corrections move existing estimates with their keyframe. At the end all
-/// outdated estimates are computed again, as in a batch run.
+/// A map of keyframes with depth from depth images or from neighbouring keyframes. Corrections move what keyframes brought.
 pub(super) struct ImageMap {
+    start: StartMessage,
     live: LiveSequence,
-    given_depth: Option<f64>,
-    given_origin: Option<Vector3<f64>>,
     keyframes: SessionKeyframes,
     /// `None` until the length scale is known.
-    mapping: Option<SemiDenseMapper>,
-    /// Whether all estimates equal those of a batch run over the keyframes at their current poses.
-    matches_batch_run: bool,
-    corrected_poses: Vec<(u64, Isometry3<f64>)>,
-    /// The camera as it was given, after a correction.
-    given_camera: Option<Camera>,
-    camera_correction: Option<CameraCorrection>,
+    mapping: Option<LiveMapping>,
+    /// Whether keyframes were moved or removed, so that the map is not that of a run.
+    is_changed: bool,
+    /// What takes the place of `mapping` at the end.
+    end: Option<FinalRun>,
 }
 
 impl SessionState for ImageMap {
@@ -41,38 +37,62 @@ impl SessionState for ImageMap {
     }
 
     fn map(&self) -> Option<&Map> {
-        Some(self.mapping.as_ref()?.mapper.map())
+        Some(self.mapper()?.map())
     }
 
     fn origin(&self) -> Vector3<f64> {
-        let mapping = self.mapping.as_ref();
-        mapping.map_or_else(Vector3::zeros, |mapping| mapping.mapper.origin())
+        self.mapper().map_or_else(Vector3::zeros, Mapper::origin)
     }
 
     fn median_depth(&self) -> Option<f64> {
-        Some(self.mapping.as_ref()?.source.median_depth)
+        match self.recording() {
+            Some(recording) => recording.median_depth,
+            None => Some(self.mapping.as_ref()?.median_depth),
+        }
     }
 
     fn sequence(&self) -> Option<&Sequence> {
-        Some(self.live.sequence())
+        let last = self.recording().map(|recording| &recording.sequence);
+        Some(last.unwrap_or_else(|| self.live.sequence()))
+    }
+
+    fn recording(&self) -> Option<&Recording> {
+        Some(&self.end.as_ref()?.recording)
     }
 
     fn poses(&self) -> Vec<(u64, Isometry3<f64>)> {
         let origin = self.origin();
-        let ids = self.keyframes.list().iter().map(|keyframe| keyframe.id);
-        let shifted = Self::poses(self).into_iter().map(|(_, mut pose)| {
+        let keyframes = self.keyframes.list().iter().enumerate();
+        let pose = keyframes.map(|(index, keyframe)| {
+            let mut pose = match self.recording() {
+                Some(recording) => recording.sequence.frames()[index].world_from_camera,
+                None => self.live.sequence().frames()[keyframe.frame].world_from_camera,
+            };
             pose.translation.vector -= origin;
-            pose
+            (keyframe.id, pose)
         });
-        ids.zip(shifted).collect()
+        pose.collect()
+    }
+
+    fn unmeasurable_depths(&self) -> usize {
+        match &self.end {
+            Some(end) => end.unmeasurable_depths,
+            None => self.keyframes.unmeasurable_depths(),
+        }
     }
 
     fn pending_corrections(&self) -> usize {
-        self.keyframes.pending()
+        match self.end {
+            Some(_) => 0,
+            None => self.keyframes.pending(),
+        }
     }
 
     fn newest(&self) -> Option<NewestKeyframe> {
-        self.keyframes.newest()
+        match &self.end {
+            Some(end) => end.newest.clone(),
+            None => self.keyframes.newest(),
+        }
     }
 }
 
@@ -86,144 +106,82 @@ impl SessionMap for ImageMap {
         self.push(id, frame, options)
     }
 
-    fn correct(
+    fn change(
         &mut self,
-        poses: &[(u64, Isometry3<f64>)],
+        keyframes: &[(u64, Option<Isometry3<f64>>)],
         options: &Options,
     ) -> Result<(), SessionError> {
-        let mut corrected = Vec::with_capacity(poses.len());
-        for (id, pose) in poses {
+        let mut changes = BTreeMap::new();
+        let mut recorded = BTreeMap::new();
+        for (id, pose) in keyframes {
             let index = self.keyframes.index_of(*id)?;
-            let pose = self.live.world_from_color(pose);
-            check_position(*id, &pose)?;
-            corrected.push((index, pose));
+            let frame = self.keyframes.list()[index].frame;
+            let in_world = pose.map(|pose| self.live.world_from_color(&pose));
+            if let Some(pose) = &in_world {
+                check_position(*id, pose)?;
+            }
+            changes.insert(index, in_world);
+            recorded.extend(pose.map(|pose| (frame, pose)));
         }
-        let before = self.poses();
-        corrected.retain(|(index, pose)| before[*index].1 != *pose);
-        if corrected.is_empty() {
+        let (keyframes, frames) = (self.keyframes.list(), self.live.sequence().frames());
+        let pose_of = |index: usize| frames[keyframes[index].frame].world_from_camera;
+        changes.retain(|index, pose| *pose != Some(pose_of(*index)));
+        if changes.is_empty() {
             return Ok(());
         }
-        let keyframes = self.keyframes.list();
-        let by_frame = corrected.iter();
-        let by_frame = by_frame.map(|(index, pose)| (keyframes[*index].frame, *pose));
-        self.live.set_poses(by_frame.collect::<Vec<_>>());
-        if let Some(mapping) = &mut self.mapping {
-            for (_, pose) in &mut corrected {
-                pose.translation.vector -= mapping.mapper.origin();
+        match &mut self.mapping {
+            Some(mapping) => {
+                for pose in changes.values_mut().flatten() {
+                    pose.translation.vector -= mapping.mapper.origin();
+                }
+                let (depth, median_depth) = (&mapping.depth, mapping.median_depth);
+                let empty_map = empty_maps(&self.live, depth, median_depth, options);
+                let mapper = &mut mapping.mapper;
+                self.keyframes.change(&changes, mapper, empty_map)?;
             }
-            let empty_map = || empty_map(options, &self.live, mapping.source);
-            let outcome = self
-                .keyframes
-                .correct(&corrected, &mut mapping.mapper, empty_map);
-            if let Err(error) = outcome {
-                self.live.set_poses(before);
-                return Err(error);
+            None => {
+                self.keyframes.take(&changes);
             }
-        }
-        let keyframes = self.keyframes.list();
-        let mut recorded = Vec::with_capacity(poses.len());
-        for (id, pose) in poses {
-            recorded.push((keyframes[self.keyframes.index_of(*id)?].frame, *pose));
         }
         self.live.set_recorded_poses(recorded);
-        self.matches_batch_run = false;
-        self.update_front_end_poses()
+        self.note_change()
     }
 
     fn settle(&mut self, most: usize, options: &Options) -> Result<(), SessionError> {
         let Some(mapping) = &mut self.mapping else {
             return Ok(());
         };
-        let empty_map = || empty_map(options, &self.live, mapping.source);
+        let empty_map = empty_maps(&self.live, &mapping.depth, mapping.median_depth, options);
         self.keyframes.settle(most, &mut mapping.mapper, empty_map)
     }
 
-    fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError> {
-        if ids.is_empty() {
-            return Ok(());
-        }
-        match &mut self.mapping {
-            Some(mapping) => {
-                let empty_map = || empty_map(options, &self.live, mapping.source);
-                self.keyframes.remove(ids, &mut mapping.mapper, empty_map)?;
-            }
-            None => {
-                self.keyframes.take(ids)?;
-            }
-        }
-        self.matches_batch_run = false;
-        self.update_front_end_poses()
-    }
-
+    /// Makes a run over the keyframes, unless the map is that of this run.
     fn finish(&mut self, options: &Options) -> Result<bool, SessionError> {
-        if self.keyframes.list().is_empty() {
+        let keyframes = self.keyframes.list().iter();
+        let (ids, frames): (Vec<u64>, Vec<LiveFrame>) = keyframes
+            .map(|keyframe| (keyframe.id, self.live.frame(keyframe.frame)))
+            .unzip();
+        let Some(recording) = recording_of(&self.start, options, frames)? else {
             return Ok(false);
-        }
-        let frames = self.frames();
-        let median_depth = match self.given_depth {
-            Some(depth) => depth,
-            None => self
-                .measured_depth(&frames, options)?
-                .ok_or(SessionError::WithoutScale {
-                    keyframes: frames.len(),
-                })?,
         };
-        let before = self.poses();
-        let (mut is_corrected, mut is_other) = (false, false);
-        if options.pose_correction.enabled {
-            let poses = correct_poses(self.live.sequence(), &frames, options, || {})?;
-            is_corrected = poses.summary.is_corrected;
-            is_other = is_corrected || poses.summary.camera.is_some();
-            if is_corrected {
-                self.live
-                    .set_poses(frames.iter().copied().zip(poses.placed));
-                self.live
-                    .set_fitted_poses(frames.iter().copied().zip(poses.fitted));
-            }
-            if let Some(correction) = poses.summary.camera {
-                let given = self.live.sequence().stored_color_camera().clone();
-                self.live.correct_color_camera(&correction)?;
-                self.camera_correction = Some(correction);
-                self.given_camera = Some(given);
-            }
-        }
-        let outcome = self.finish_at(median_depth, is_other, options);
-        match &outcome {
-            Ok(()) if is_corrected => {
-                let ids = self.keyframes.list().iter().map(|keyframe| keyframe.id);
-                let poses = self.poses().into_iter().map(|(_, pose)| pose);
-                self.corrected_poses = ids.zip(poses).collect();
-            }
-            Ok(()) => {}
-            Err(_) => {
-                self.live.set_poses(before);
-                self.camera_correction = None;
-                if let Some(given) = self.given_camera.take() {
-                    self.live.set_stored_color_camera(given)?;
-                }
-            }
-        }
-        outcome.map(|()| true)
+        self.end = Some(match self.is_run_of(&recording) {
+            true => self.complete(recording, options)?,
+            false => FinalRun::new(recording, &ids)?,
+        });
+        self.mapping = None;
+        Ok(true)
     }
 
     fn take_surface_change(&mut self) -> Option<SurfaceChange> {
-        self.mapping.as_mut()?.mapper.take_surface_change()
-    }
-
-    fn corrected_poses(&self) -> Vec<(u64, Isometry3<f64>)> {
-        self.corrected_poses.clone()
-    }
-
-    fn camera_correction(&self) -> Option<CameraCorrection> {
-        self.camera_correction
-    }
-
-    fn keeps_images(&self) -> bool {
-        true
+        let mapper = match (&mut self.end, &mut self.mapping) {
+            (Some(end), _) => &mut end.mapper,
+            (None, mapping) => &mut mapping.as_mut()?.mapper,
+        };
+        mapper.take_surface_change()
     }
 
     fn is_ordered(&self) -> bool {
-        true
+        self.start.depth_source == DepthKind::SemiDense
     }
 }
 
@@ -231,64 +189,60 @@ impl ImageMap {
     /// Creates the map with the first keyframe.
     ///
     /// # Errors
-    /// When the calibration does not fit the keyframe, or its image cannot be read.
+    /// When the calibration does not fit the keyframe, its image cannot be read, or it lacks the depth image that it needs.
     pub(super) fn begin(
         start: &StartMessage,
         options: &Options,
         id: u64,
         frame: LiveFrame,
     ) -> Result<Self, SessionError> {
-        let mut live = LiveSequence::begin(&start.calibration, frame)?;
-        let longest_side = options.images.longest_side();
-        live.limit_image_size(longest_side);
-        let mut map = Self {
-            live,
-            given_depth: start.median_depth,
-            given_origin: start.origin.map(Vector3::from),
-            keyframes: SessionKeyframes::default(),
-            mapping: None,
-            matches_batch_run: true,
-            corrected_poses: Vec::new(),
-            given_camera: None,
-            camera_correction: None,
-        };
+        let mut map = Self::new(start, options, frame)?;
         map.push(id, 0, options)?;
         Ok(map)
     }
 
-    fn frames(&self) -> Vec<usize> {
-        let keyframes = self.keyframes.list().iter();
-        keyframes.map(|keyframe| keyframe.frame).collect()
-    }
-
-    /// Poses of the keyframes, with their frames.
-    fn poses(&self) -> Vec<(usize, Isometry3<f64>)> {
-        let frames = self.live.sequence().frames();
-        let pose =
-            |keyframe: &SessionKeyframe| (keyframe.frame, frames[keyframe.frame].world_from_camera);
-        self.keyframes.list().iter().map(pose).collect()
-    }
-
-    fn measured_depth(
-        &self,
-        frames: &[usize],
+    /// A map of keyframes of which all that remains is the run at the [end](SessionMap::finish); `None` without keyframes.
+    ///
+    /// # Errors
+    /// As [`begin`](Self::begin).
+    pub(super) fn of_all(
+        start: &StartMessage,
         options: &Options,
-    ) -> Result<Option<f64>, SessionError> {
-        let matching = &options.semi_dense.matching;
-        Ok(median_depth_from_images(
-            self.live.sequence(),
-            frames,
-            matching,
-        )?)
+        keyframes: Vec<(u64, LiveFrame)>,
+    ) -> Result<Option<Self>, SessionError> {
+        let mut keyframes = keyframes.into_iter();
+        let Some((id, first)) = keyframes.next() else {
+            return Ok(None);
+        };
+        let mut map = Self::new(start, options, first)?;
+        map.keyframes.push(id, 0);
+        for (id, frame) in keyframes {
+            let frame = map.live.append(frame);
+            map.keyframes.push(id, frame);
+        }
+        Ok(Some(map))
     }
 
-    /// The origin to subtract from all coordinates.
-    fn origin_of(&self, frames: &[usize], median_depth: f64) -> Vector3<f64> {
-        let all = self.live.sequence().frames();
-        let position =
-            |frame: &usize| Point3::from(all[*frame].world_from_camera.translation.vector);
-        self.given_origin
-            .unwrap_or_else(|| far_origin(frames.iter().map(position), median_depth))
+    fn new(
+        start: &StartMessage,
+        options: &Options,
+        first: LiveFrame,
+    ) -> Result<Self, SessionError> {
+        Ok(Self {
+            start: start.clone(),
+            live: begin_sequence(start, options, first)?,
+            keyframes: SessionKeyframes::default(),
+            mapping: None,
+            is_changed: false,
+            end: None,
+        })
+    }
+
+    fn mapper(&self) -> Option<&Mapper> {
+        match (&self.end, &self.mapping) {
+            (Some(end), _) => Some(&end.mapper),
+            (None, mapping) => mapping.as_ref().map(|mapping| &mapping.mapper),
+        }
     }
 
     /// Adds a frame of the sequence as the next keyframe.
@@ -305,23 +259,20 @@ impl ImageMap {
         outcome
     }
 
-    /// Computes the estimates that a new frame makes due.
+    /// Takes what a new frame makes due into the map.
     fn estimate(&mut self, id: u64, frame: usize, options: &Options) -> Result<(), SessionError> {
         let Some(mapping) = &mut self.mapping else {
             return Ok(());
         };
-        let Some(front_end) = &mut mapping.front_end else {
-            return Ok(());
-        };
-        let arrivals = front_end
+        let arrivals = mapping
+            .front_end
             .push(self.live.sequence(), frame)
             .map_err(|source| SessionError::FrontEnd { id, source })?;
         for arrival in arrivals {
             if let Err(error) = mapping.add_arrival(id, arrival, &mut self.keyframes) {
                 self.keyframes.withdraw(frame);
-                self.matches_batch_run = false;
                 self.rebuild(options)?;
-                self.update_front_end_poses()?;
+                self.note_change()?;
                 return Err(error);
             }
         }
@@ -335,28 +286,35 @@ impl ImageMap {
         newest: usize,
         options: &Options,
     ) -> Result<(), SessionError> {
-        let image = self.live.sequence().load_gray(newest);
-        image.map_err(|source| SessionError::FrontEnd {
-            id,
-            source: source.into(),
-        })?;
-        let frames = self.frames();
-        let is_enough = frames.len() > options.semi_dense.first_neighbours;
-        let median_depth = match self.given_depth {
-            Some(depth) => Some(depth),
-            None if is_enough => self.measured_depth(&frames, options)?,
-            None => None,
+        let frames: Vec<usize> = self.keyframes.list().iter().map(|it| it.frame).collect();
+        let (sequence, given) = (self.live.sequence(), self.start.median_depth);
+        let is_semi_dense = self.is_ordered();
+        if is_semi_dense {
+            let image = sequence.load_gray(newest);
+            image.map_err(|source| SessionError::FrontEnd {
+                id,
+                source: source.into(),
+            })?;
+            if given.is_none() && frames.len() <= options.semi_dense.first_neighbours {
+                return Ok(());
+            }
+        }
+        let depth = DepthSource::of_frames(sequence, &frames, is_semi_dense, given, options)?;
+        let Some(depth) = depth else {
+            return match is_semi_dense {
+                true => Ok(()),
+                false => Err(SessionError::FirstWithoutDepth { id }),
+            };
         };
-        let Some(median_depth) = median_depth else {
-            return Ok(());
+        let position = |frame: &usize| {
+            let pose = &sequence.frames()[*frame].world_from_camera;
+            Point3::from(pose.translation.vector)
         };
-        let origin = self.origin_of(&frames, median_depth);
-        self.mapping = Some(SemiDenseMapper::begin(
-            options,
-            &self.live,
-            median_depth,
-            origin,
-        )?);
+        let origin = match self.start.origin {
+            Some(origin) => origin.into(),
+            None => far_origin(frames.iter().map(position), depth.1),
+        };
+        self.mapping = Some(LiveMapping::begin(options, &self.live, depth, origin)?);
         for frame in frames {
             if let Err(error) = self.estimate(id, frame, options) {
                 self.mapping = None;
@@ -372,16 +330,15 @@ impl ImageMap {
         let Some(mapping) = &mut self.mapping else {
             return Ok(());
         };
-        let map = empty_map(options, &self.live, mapping.source)?;
+        let (depth, median_depth) = (&mapping.depth, mapping.median_depth);
+        let map = empty_map(options, self.live.sequence(), depth, median_depth)?;
         self.keyframes.rebuild(&mut mapping.mapper, map)
     }
 
-    /// Updates the keyframes and poses of the front end.
-    fn update_front_end_poses(&mut self) -> Result<(), SessionError> {
+    /// Notes that keyframes were moved or removed, also for the front end.
+    fn note_change(&mut self) -> Result<(), SessionError> {
+        self.is_changed = true;
         let Some(mapping) = &mut self.mapping else {
-            return Ok(());
-        };
-        let Some(front_end) = &mut mapping.front_end else {
             return Ok(());
         };
         let (keyframes, frames) = (&self.keyframes, self.live.sequence().frames());
@@ -389,7 +346,8 @@ impl ImageMap {
             let is_kept = keyframes.index_of_frame(frame).is_some();
             is_kept.then(|| frames[frame].world_from_camera)
         };
-        front_end
+        mapping
+            .front_end
             .set_poses(pose_of)
             .map_err(|source| SessionError::FrontEnd {
                 id: keyframes.list().last().map_or(0, |keyframe| keyframe.id),
@@ -397,76 +355,52 @@ impl ImageMap {
             })
     }
 
-    /// Computes the final estimates: the remaining ones, or all of them when existing estimates are outdated.
-    fn finish_at(
+    /// Whether the map is that of a run over this recording, but for estimates that wait.
+    fn is_run_of(&self, recording: &Recording) -> bool {
+        let bits = |depth: f64| depth.to_bits();
+        let is_same = |mapping: &LiveMapping| {
+            recording.median_depth.map(bits) == Some(bits(mapping.median_depth))
+                && recording.origin == mapping.mapper.origin()
+        };
+        !self.is_changed
+            && !recording.is_corrected_by_images()
+            && self.mapping.as_ref().is_some_and(is_same)
+    }
+
+    /// Takes estimates that wait into the map, which is then the run over this recording. On an error the surface stays as it was.
+    fn complete(
         &mut self,
-        median_depth: f64,
-        is_corrected: bool,
+        recording: Recording,
         options: &Options,
-    ) -> Result<(), SessionError> {
-        let frames = self.frames();
-        let origin = self.origin_of(&frames, median_depth);
-        if let Some(mapping) = &mut self.mapping {
-            // The window of the front end does not fit a run over all keyframes.
-            let front_end = mapping.front_end.take();
-            let matches_batch_run = self.matches_batch_run
-                && !is_corrected
-                && mapping.source.median_depth.to_bits() == median_depth.to_bits()
-                && mapping.mapper.origin() == origin;
-            if matches_batch_run && let Some(mut front_end) = front_end {
-                let newest = self.keyframes.list().last();
-                let id = newest.map_or(0, |newest| newest.id);
-                for arrival in front_end.finish() {
-                    if let Err(error) = mapping.add_arrival(id, arrival, &mut self.keyframes) {
-                        self.rebuild(options)?;
-                        return Err(error);
-                    }
-                }
-                mapping.mapper.finish()?;
-                return Ok(());
+    ) -> Result<FinalRun, SessionError> {
+        let id = self.keyframes.list().last().map_or(0, |newest| newest.id);
+        let mapping = self.mapping.as_mut().ok_or(SessionError::NoKeyframe)?;
+        for arrival in mapping.front_end.finish() {
+            if let Err(error) = mapping.add_arrival(id, arrival, &mut self.keyframes) {
+                self.rebuild(options)?;
+                return Err(error);
             }
         }
-        let source = SemiDenseSource {
-            options: options.semi_dense,
-            median_depth,
-        };
-        let map = empty_map(options, &self.live, source)?;
-        let mut mapper = Mapper::new(map, origin);
-        let keyframes = self.keyframes.list();
-        let depth = DepthSource::SemiDense(Box::new(source));
-        let extract = options.extract(median_depth);
-        let mut front_end = FrontEnd::lines(&depth, frames.len(), extract, None, false)?;
-        let add_arrival = |number: usize, arrival: Arrival| -> Result<(), SessionError> {
-            match arrival {
-                Arrival::Final(Err(source)) => {
-                    let id = keyframes[number].id;
-                    Err(SessionError::FrontEnd { id, source })
-                }
-                arrival => {
-                    mapper.take(number, arrival, false)?;
-                    Ok(())
-                }
-            }
-        };
-        let sequence = self.live.sequence();
-        run_in_groups(
-            &mut front_end,
-            sequence,
-            &frames,
-            0,
-            group_size(),
-            None,
-            add_arrival,
-        )?;
-        mapper.finish()?;
-        mapper.follow_surface();
-        self.mapping = Some(SemiDenseMapper {
-            front_end: None,
-            mapper,
-            source,
-        });
-        Ok(())
+        mapping.mapper.finish()?;
+        let mapping = self.mapping.take().ok_or(SessionError::NoKeyframe)?;
+        Ok(FinalRun {
+            recording,
+            mapper: mapping.mapper,
+            newest: self.keyframes.newest(),
+            unmeasurable_depths: self.keyframes.unmeasurable_depths(),
+        })
     }
+}
+
+/// Makes maps without keyframes.
+fn empty_maps<'a>(
+    live: &'a LiveSequence,
+    depth: &DepthSource,
+    median_depth: f64,
+    options: &'a Options,
+) -> impl Fn() -> Result<Map, SessionError> + use<'a> {
+    let depth = depth.clone();
+    move || empty_map(options, live.sequence(), &depth, median_depth)
 }
 
 /// Checks that the carver accepts the camera position. Otherwise it would only fail later, with its estimate.

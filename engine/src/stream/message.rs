@@ -354,6 +354,15 @@ pub struct CorrectedPose {
     pub world_from_camera: PoseParts,
 }
 
+impl CorrectedPose {
+    pub(super) fn new(id: u64, world_from_camera: &Isometry3<f64>) -> Self {
+        Self {
+            id,
+            world_from_camera: world_from_camera.into(),
+        }
+    }
+}
+
 /// A rigid transform, as in messages.
 #[derive(Debug, Clone, Serialize)]
 pub struct PoseParts {

@@ -407,43 +407,32 @@ impl SessionMap for MessageMap {
         Some(self)
     }
 
-    fn correct(
+    fn change(
         &mut self,
-        poses: &[(u64, Isometry3<f64>)],
+        keyframes: &[(u64, Option<Isometry3<f64>>)],
         _options: &Options,
     ) -> Result<(), SessionError> {
-        let mut moved_views = Vec::with_capacity(poses.len());
-        for (id, pose) in poses {
-            moved_views.push((self.view(*id)?, self.pose(*id, pose)?));
+        let mut change = ObservationChange::default();
+        for (id, pose) in keyframes {
+            let view = self.view(*id)?;
+            match pose {
+                Some(pose) => change.moved_views.push((view, self.pose(*id, pose)?)),
+                None => change.removed_views.push(view),
+            }
         }
-        let change = ObservationChange {
-            moved_views,
-            ..ObservationChange::default()
-        };
         self.observe(&change)?;
-        let moved = change.moved_views.iter().map(|(view, _)| *view).collect();
+        let mut other: BTreeSet<u32> = change.moved_views.iter().map(|(view, _)| *view).collect();
         for (view, pose) in change.moved_views {
             self.poses[view as usize] = pose;
         }
-        self.space_lines(&moved)
-    }
-
-    fn remove(&mut self, ids: &[u64], _options: &Options) -> Result<(), SessionError> {
-        let views = ids.iter().map(|id| self.view(*id));
-        let change = ObservationChange {
-            removed_views: views.collect::<Result<_, _>>()?,
-            ..ObservationChange::default()
-        };
-        self.observe(&change)?;
-        self.keyframes.retain(|id, _| !ids.contains(id));
         let removed = BTreeSet::from_iter(change.removed_views);
+        self.keyframes.retain(|_, view| !removed.contains(view));
         let is_other = |line: &&mut Line| line.views.iter().any(|view| removed.contains(view));
-        let mut shortened = BTreeSet::new();
         for line in self.lines.values_mut().filter(is_other) {
             line.views.retain(|view| !removed.contains(view));
-            shortened.extend(&line.views);
+            other.extend(&line.views);
         }
-        self.space_lines(&shortened)
+        self.space_lines(&other)
     }
 
     fn finish(&mut self, _options: &Options) -> Result<bool, SessionError> {

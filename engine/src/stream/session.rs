@@ -16,11 +16,10 @@ use super::first_keyframes::FirstKeyframes;
 use super::frame_tracker::FrameTracker;
 use super::image_map::ImageMap;
 use super::message::{
-    CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseKind, PoseUpdate,
-    Reply, StartMessage, TrackingSummary,
+    CorrectedPose, DepthKind, ImageSource, KeyframeMessage, Message, Pose, PoseKind, Reply,
+    StartMessage, TrackingSummary,
 };
 use super::message_map::MessageMap;
-use super::sensor_map::SensorMap;
 use super::session_map::{SessionMap, SessionObserver, SessionState};
 use super::surface_diff::SurfaceDiff;
 use super::surface_keyframes::SurfaceKeyframes;
@@ -51,7 +50,7 @@ pub struct Session {
     chosen: SurfaceKeyframes,
     /// Temporary files of images sent in messages.
     image_folder: TempDir,
-    /// Files that are still needed, by keyframe.
+    /// Files of images that may be read again, by keyframe.
     stored_images: BTreeMap<u64, Vec<PathBuf>>,
     /// Whether the images contradict the messages.
     first: FirstKeyframes,
@@ -82,6 +81,8 @@ pub struct SessionSummary {
     pub trajectory: Vec<PosedImage>,
     /// What in the poses, the depth scale or the calibration contradicts the images, with the remedy.
     pub contradiction: Option<String>,
+    /// What was corrected by the images at the end, or assumed.
+    pub warnings: Vec<String>,
 }
 
 /// The end of a session.
@@ -141,8 +142,16 @@ impl Session {
             Message::Poses { .. } if self.is_tracking() => return Err(tracked("`poses`")),
             Message::Remove { .. } if self.is_tracking() => return Err(tracked("`remove`")),
             Message::Keyframe(keyframe) => self.add(keyframe)?,
-            Message::Poses { poses } => self.correct(poses)?,
-            Message::Remove { ids } => self.remove(ids)?,
+            Message::Poses { poses } => {
+                let poses = poses.iter();
+                self.change(poses.map(|it| (it.id, Some(&it.world_from_camera))))?;
+            }
+            Message::Remove { ids } => {
+                self.change(ids.iter().map(|id| (*id, None)))?;
+                for id in ids.iter().filter(|_| self.first.is_asked()) {
+                    delete(&self.stored_images.remove(id).unwrap_or_default());
+                }
+            }
             Message::Points { points, removed } => {
                 self.messages()?.change_points(points, removed)?;
             }
@@ -283,12 +292,9 @@ impl Session {
             delete(&stored_images);
             return outcome;
         }
-        if self.map.as_ref().is_some_and(|map| map.keeps_images()) {
-            self.stored_images
-                .insert(id, std::mem::take(&mut stored_images));
-        }
+        self.stored_images.insert(id, stored_images);
         let sequence = self.map.as_ref().and_then(|map| map.sequence());
-        delete(&self.first.add(sequence, stored_images));
+        self.first.add(sequence);
         Ok(())
     }
 
@@ -317,53 +323,38 @@ impl Session {
         }
     }
 
-    fn correct(&mut self, poses: &[PoseUpdate]) -> Result<(), SessionError> {
+    /// Gives keyframes other poses, or removes them.
+    fn change<'a>(
+        &mut self,
+        keyframes: impl Iterator<Item = (u64, Option<&'a Pose>)> + Clone,
+    ) -> Result<(), SessionError> {
+        let first = keyframes.clone().next();
         let map = self
             .map
             .as_mut()
-            .ok_or_else(|| unknown_keyframe(poses.first().map(|p| p.id)))?;
-        let better = poses
-            .iter()
-            .map(|update| {
-                if !map.contains(update.id) {
-                    return Err(SessionError::UnknownKeyframe { id: update.id });
-                }
-                Ok((update.id, isometry(update.id, &update.world_from_camera)?))
-            })
-            .collect::<Result<Vec<_>, _>>()?;
-        map.correct(&better, &self.options)
-    }
-
-    fn remove(&mut self, ids: &[u64]) -> Result<(), SessionError> {
-        let map = self
-            .map
-            .as_mut()
-            .ok_or_else(|| unknown_keyframe(ids.first().copied()))?;
-        map.remove(ids, &self.options)?;
-        for id in ids {
-            delete(&self.stored_images.remove(id).unwrap_or_default());
-        }
-        Ok(())
+            .ok_or_else(|| unknown_keyframe(first.map(|(id, _)| id)))?;
+        let changes = keyframes.map(|(id, pose)| {
+            if !map.contains(id) {
+                return Err(SessionError::UnknownKeyframe { id });
+            }
+            Ok((id, pose.map(|pose| isometry(id, pose)).transpose()?))
+        });
+        let changes = changes.collect::<Result<Vec<_>, _>>()?;
+        map.change(&changes, &self.options)
     }
 
     /// Ends the session.
     ///
     /// # Complexity
-    /// That of a batch run after corrected poses or removed keyframes: the map is made anew. Otherwise none with depth images, and
-    /// the remaining estimates with depth from images alone.
+    /// With images that of a run over the keyframes, unless the map is that of this run already: then that of the comparisons at the start
+    /// of a run, and with depth from images alone of the remaining estimates.
     pub fn finish(mut self) -> SessionEnd {
         let arrived = Instant::now();
         let sequence = self.map.as_ref().and_then(|map| map.sequence());
-        delete(&self.first.ask(sequence));
+        self.first.ask(sequence);
         let tracking = self.finish_tracking();
-        let is_moved = tracking.as_ref().is_some_and(|end| end.is_changed);
-        let outcome = match &mut self.map {
-            Some(map) => map
-                .finish(&self.options)
-                .map(|is_changed| is_changed || is_moved),
-            None => Ok(false),
-        };
-        let last_change = match outcome {
+        let keyframes = tracking.as_ref().map(|end| end.keyframes.clone());
+        let last_change = match self.finish_map(keyframes) {
             Ok(true) => Ok(self.surface(arrived, true)),
             Ok(false) => Ok(None),
             Err(error) => Err(error),
@@ -371,12 +362,12 @@ impl Session {
         let mut summary = self.summary();
         summary.contradiction = self.first.contradiction().cloned();
         if let Some(end) = tracking {
-            summary.tracking = Some(end.summary);
-            summary.trajectory = end.trajectory;
             // Where images corrected poses further, those of the map are the last.
             if summary.corrected_poses.is_empty() {
-                summary.corrected_poses = end.keyframes;
+                summary.corrected_poses = end.poses();
             }
+            summary.tracking = Some(end.summary);
+            summary.trajectory = end.trajectory;
         }
         SessionEnd {
             last_change,
@@ -385,27 +376,51 @@ impl Session {
         }
     }
 
+    /// Finishes the map; a session that tracks has these keyframes at its end. Returns whether it may have changed.
+    fn finish_map(&mut self, tracked: Option<Vec<(u64, LiveFrame)>>) -> Result<bool, SessionError> {
+        let options = &self.options;
+        match (&mut self.map, &self.start, tracked) {
+            (map, Some(start), Some(keyframes)) => {
+                match (ImageMap::of_all(start, options, keyframes)?, map) {
+                    (Some(mut last), map) => {
+                        last.finish(options)?;
+                        *map = Some(Box::new(last));
+                    }
+                    (None, Some(map)) => {
+                        let all = map.poses().into_iter().map(|(id, _)| (id, None));
+                        map.change(&all.collect::<Vec<_>>(), options)?;
+                    }
+                    (None, None) => {}
+                }
+                Ok(true)
+            }
+            (Some(map), ..) => map.finish(options),
+            (None, ..) => Ok(false),
+        }
+    }
+
     /// The result.
     fn summary(&self) -> SessionSummary {
         let Some(map) = &self.map else {
             return SessionSummary::default();
         };
-        let origin = map.origin();
-        let poses = map.corrected_poses();
         let mut summary = SessionSummary {
             keyframes: map.keyframe_count(),
-            origin,
+            origin: map.origin(),
             median_depth: map.median_depth(),
-            camera_correction: map.camera_correction(),
-            corrected_poses: poses
-                .iter()
-                .map(|(id, pose)| CorrectedPose {
-                    id: *id,
-                    world_from_camera: pose.into(),
-                })
-                .collect(),
             ..SessionSummary::default()
         };
+        if let Some(recording) = map.recording() {
+            summary.camera_correction = recording.poses.and_then(|poses| poses.camera);
+            summary.warnings.clone_from(&recording.warnings);
+            if recording.has_corrected_poses() {
+                let (keyframes, frames) = (map.poses(), recording.sequence.frames());
+                let poses = keyframes.iter().zip(frames);
+                summary.corrected_poses = poses
+                    .map(|((id, _), frame)| CorrectedPose::new(*id, &frame.world_from_camera))
+                    .collect();
+            }
+        }
         summary.segments = map.lines().unwrap_or_default();
         if let Some(map) = map.map() {
             summary.mesh = map.final_surface();
@@ -426,8 +441,9 @@ fn begin_map(
     frame: LiveFrame,
 ) -> Result<Box<dyn SessionMap>, SessionError> {
     Ok(match start.depth_source {
-        DepthKind::Sensor => Box::new(SensorMap::begin(start, options, id, frame)?),
-        DepthKind::SemiDense => Box::new(ImageMap::begin(start, options, id, frame)?),
+        DepthKind::Sensor | DepthKind::SemiDense => {
+            Box::new(ImageMap::begin(start, options, id, frame)?)
+        }
         DepthKind::None => Box::new(MessageMap::begin(start, options, id, frame)?),
     })
 }

@@ -103,6 +103,12 @@ impl SessionKeyframes {
         pending.count()
     }
 
+    /// Number of depth values that the camera cannot have measured.
+    pub(super) fn unmeasurable_depths(&self) -> usize {
+        let found = self.list.iter().filter_map(|it| it.estimate.as_ref());
+        found.map(|it| it.keyframe().unmeasurable_depths()).sum()
+    }
+
     /// Number in the map of the next keyframe with final depth.
     pub(super) fn next_place(&self) -> usize {
         self.places
@@ -120,12 +126,6 @@ impl SessionKeyframes {
         self.places += 1;
     }
 
-    /// Pose of the keyframe at this index in the frame of computation, once something of it is in the map.
-    pub(super) fn pose(&self, index: usize) -> Option<Isometry3<f64>> {
-        let estimate = self.list[index].estimate.as_ref()?;
-        Some(estimate.keyframe().world_from_camera())
-    }
-
     /// The newest keyframe whose segments are known.
     pub(super) fn newest(&self) -> Option<NewestKeyframe> {
         let mut keyframes = self.list.iter().enumerate().rev();
@@ -134,49 +134,46 @@ impl SessionKeyframes {
         })
     }
 
-    /// Gives keyframes, by index, other poses in the frame of computation; the map follows. Returns whether it was made anew from all
-    /// keyframes. On an error nothing changes.
-    pub(super) fn correct(
+    /// Gives keyframes, by index, other poses in the frame of computation, or removes them; the map follows. On an error nothing changes.
+    pub(super) fn change(
         &mut self,
-        corrected: &[(usize, Isometry3<f64>)],
+        changes: &BTreeMap<usize, Option<Isometry3<f64>>>,
         mapper: &mut Mapper,
         empty_map: impl Fn() -> Result<Map, SessionError>,
-    ) -> Result<bool, SessionError> {
-        let before = self.exchange_poses(corrected);
-        let mut changes = BTreeMap::new();
+    ) -> Result<(), SessionError> {
+        let poses = changes.iter();
+        let poses: Vec<_> = poses
+            .filter_map(|(index, pose)| Some((*index, (*pose)?)))
+            .collect();
+        let before = self.exchange_poses(&poses);
+        let mut places = BTreeMap::new();
         let mut provisional = Vec::new();
-        let mut pending = Vec::new();
-        for &(index, pose) in corrected {
-            match &self.list[index].estimate {
+        for (&index, pose) in changes {
+            let keyframe = &mut self.list[index];
+            match &keyframe.estimate {
                 Some(Estimate::Final { place, .. }) => {
-                    let is_moved = mapper.map().is_moved(*place, &pose);
+                    let is_moved = pose.is_none_or(|pose| mapper.map().is_moved(*place, &pose));
+                    keyframe.is_pending = !is_moved;
                     if is_moved {
-                        changes.insert(*place, Some(pose));
+                        places.insert(*place, *pose);
                     }
-                    pending.push((index, !is_moved));
                 }
-                Some(Estimate::Provisional(keyframe)) => provisional.push(keyframe),
+                Some(Estimate::Provisional(_)) => provisional.push(keyframe.frame),
                 None => {}
             }
         }
-        let is_rebuilt = self.are_most(changes.len());
-        let outcome = match is_rebuilt {
-            true => self.rebuild(mapper, empty_map()?),
-            false => change_map(mapper, changes, &provisional, &[]),
+        let removed = self.take(changes);
+        let outcome = match self.are_most(places.len()) {
+            true => empty_map().and_then(|map| self.rebuild(mapper, map)),
+            false => self.change_map(mapper, places, &provisional),
         };
-        match &outcome {
-            Ok(()) if !is_rebuilt => {
-                for (index, is_pending) in pending {
-                    self.list[index].is_pending = is_pending;
-                }
-            }
-            Ok(()) => {}
-            Err(_) => {
-                self.exchange_poses(&before);
-                self.rebuild(mapper, empty_map()?)?;
-            }
+        if outcome.is_err() {
+            self.list.extend(removed);
+            self.list.sort_by_key(|keyframe| keyframe.frame);
+            self.exchange_poses(&before);
+            self.rebuild(mapper, empty_map()?)?;
         }
-        outcome.map(|()| is_rebuilt)
+        outcome
     }
 
     /// Moves the newest keyframes whose corrections wait, at most so many, to their poses in the map. On an error the map is made anew.
@@ -194,53 +191,24 @@ impl SessionKeyframes {
             }
             keyframe.is_pending = false;
         }
-        let outcome = change_map(mapper, changes, &[], &[]);
+        let outcome = self.change_map(mapper, changes, &[]);
         if outcome.is_err() {
             self.rebuild(mapper, empty_map()?)?;
         }
         outcome
     }
 
-    /// Removes keyframes, by their ids; the map follows. Returns whether it was made anew from all keyframes. On an error nothing
-    /// changes.
-    pub(super) fn remove(
+    /// Takes those keyframes out of the list that changes remove.
+    pub(super) fn take(
         &mut self,
-        ids: &[u64],
-        mapper: &mut Mapper,
-        empty_map: impl Fn() -> Result<Map, SessionError>,
-    ) -> Result<bool, SessionError> {
-        let removed = self.take(ids)?;
-        let mut changes = BTreeMap::new();
-        let mut provisional = Vec::new();
-        for keyframe in &removed {
-            match &keyframe.estimate {
-                Some(Estimate::Final { place, .. }) => {
-                    changes.insert(*place, None);
-                }
-                Some(Estimate::Provisional(_)) => provisional.push(keyframe.frame),
-                None => {}
-            }
-        }
-        let is_rebuilt = self.are_most(changes.len());
-        let outcome = match is_rebuilt {
-            true => self.rebuild(mapper, empty_map()?),
-            false => change_map(mapper, changes, &[], &provisional),
+        changes: &BTreeMap<usize, Option<Isometry3<f64>>>,
+    ) -> Vec<SessionKeyframe> {
+        let mut index = 0..;
+        let is_removed = |_: &mut SessionKeyframe| {
+            let index = index.next();
+            index.is_some_and(|index| changes.get(&index) == Some(&None))
         };
-        if outcome.is_err() {
-            self.list.extend(removed);
-            self.list.sort_by_key(|keyframe| keyframe.frame);
-            self.rebuild(mapper, empty_map()?)?;
-        }
-        outcome.map(|()| is_rebuilt)
-    }
-
-    /// Takes keyframes out of the list alone: all of them, or with an unknown id none.
-    pub(super) fn take(&mut self, ids: &[u64]) -> Result<Vec<SessionKeyframe>, SessionError> {
-        for &id in ids {
-            self.index_of(id)?;
-        }
-        let is_named = |keyframe: &mut SessionKeyframe| ids.contains(&keyframe.id);
-        Ok(self.list.extract_if(.., is_named).collect())
+        self.list.extract_if(.., is_removed).collect()
     }
 
     /// Makes the map anew from the keyframes. On an error it is unchanged.
@@ -302,24 +270,31 @@ impl SessionKeyframes {
         before.reverse();
         before
     }
-}
 
-/// Moves or removes keyframes with final depth, by their numbers in the map, moves provisional ones, and removes those of these frames.
-fn change_map(
-    mapper: &mut Mapper,
-    changes: BTreeMap<usize, Option<Isometry3<f64>>>,
-    provisional: &[&Keyframe],
-    removed_frames: &[usize],
-) -> Result<(), SessionError> {
-    if !changes.is_empty() {
-        let changes: Vec<_> = changes.into_iter().collect();
-        mapper.correct(&changes)?;
+    /// Moves or removes keyframes with final depth, by their numbers in the map, and provisional ones, by their frames.
+    fn change_map(
+        &self,
+        mapper: &mut Mapper,
+        places: BTreeMap<usize, Option<Isometry3<f64>>>,
+        provisional: &[usize],
+    ) -> Result<(), SessionError> {
+        if !places.is_empty() {
+            let places: Vec<_> = places.into_iter().collect();
+            mapper.correct(&places)?;
+        }
+        let mut removed = Vec::new();
+        for frame in provisional {
+            let index = self.index_of_frame(*frame);
+            match index.and_then(|index| self.list[index].estimate.as_ref()) {
+                Some(estimate) => {
+                    mapper.move_provisional(estimate.keyframe())?;
+                }
+                None => removed.push(*frame),
+            }
+        }
+        if !removed.is_empty() {
+            mapper.remove_provisional(&removed)?;
+        }
+        Ok(())
     }
-    for keyframe in provisional {
-        mapper.move_provisional(keyframe)?;
-    }
-    if !removed_frames.is_empty() {
-        mapper.remove_provisional(removed_frames)?;
-    }
-    Ok(())
 }

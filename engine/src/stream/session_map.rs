@@ -7,8 +7,9 @@ use super::message_map::MessageMap;
 use crate::front_end::Keyframe;
 use crate::map::{Map, SurfaceChange};
 use crate::options::Options;
+use crate::recording::Recording;
 use crate::run::StageTimes;
-use linecarve_lines::camera::{Camera, CameraCorrection};
+use linecarve_lines::camera::Camera;
 use linecarve_mesh::LineSet;
 use linecarve_sequence::{LiveFrame, Sequence};
 
@@ -28,9 +29,7 @@ pub struct NewestKeyframe {
 impl NewestKeyframe {
     /// Of a keyframe at this place.
     pub(super) fn new(keyframe: usize, found: &Keyframe) -> Option<Self> {
-        let Keyframe::Lines(lines) = found else {
-            return None;
-        };
+        let lines = found.lines()?;
         Some(Self {
             keyframe,
             frame: lines.frame,
@@ -72,6 +71,11 @@ pub trait SessionState: Send {
 
     /// The frames of all messages so far; `None` without images.
     fn sequence(&self) -> Option<&Sequence>;
+
+    /// The recording of the run at the end; `None` before, and without images.
+    fn recording(&self) -> Option<&Recording> {
+        None
+    }
 
     /// The camera of keyframes without images; `None` where it is unknown, or where there are images.
     fn camera(&self) -> Option<&Camera> {
@@ -128,10 +132,10 @@ pub(super) trait SessionMap: SessionState {
         None
     }
 
-    /// Replaces poses of keyframes, given as in the messages.
-    fn correct(
+    /// Gives keyframes other poses, as in the messages, or removes them.
+    fn change(
         &mut self,
-        poses: &[(u64, Isometry3<f64>)],
+        keyframes: &[(u64, Option<Isometry3<f64>>)],
         options: &Options,
     ) -> Result<(), SessionError>;
 
@@ -140,29 +144,9 @@ pub(super) trait SessionMap: SessionState {
         Ok(())
     }
 
-    /// Removes keyframes.
-    fn remove(&mut self, ids: &[u64], options: &Options) -> Result<(), SessionError>;
-
-    /// Finishes pending estimates after the last keyframe. Returns whether the map may have changed.
-    fn finish(&mut self, _options: &Options) -> Result<bool, SessionError> {
-        Ok(false)
-    }
+    /// Finishes the map after the last keyframe. Returns whether it may have changed.
+    fn finish(&mut self, options: &Options) -> Result<bool, SessionError>;
 
     /// The change of the surface since it was last asked for; `None` without a map.
     fn take_surface_change(&mut self) -> Option<SurfaceChange>;
-
-    /// Ids and colour camera poses that were corrected from images.
-    fn corrected_poses(&self) -> Vec<(u64, Isometry3<f64>)> {
-        Vec::new()
-    }
-
-    /// How the camera that the images show differs from the given one.
-    fn camera_correction(&self) -> Option<CameraCorrection> {
-        None
-    }
-
-    /// Whether image files are still needed after a keyframe was added.
-    fn keeps_images(&self) -> bool {
-        false
-    }
 }

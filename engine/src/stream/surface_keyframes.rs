@@ -11,15 +11,27 @@ pub(super) struct SurfaceKeyframes(BTreeMap<usize, Option<Isometry3<f64>>>);
 /// What is to be done so that the map has the keyframes with a pose, and no others. Frames are numbers in ascending order.
 #[derive(Default)]
 pub(super) struct KeyframeChanges {
-    pub(super) removed: Vec<usize>,
-    pub(super) corrected: Vec<(usize, Isometry3<f64>)>,
+    /// Other poses of keyframes that the map has; `None` of those that leave it.
+    pub(super) changed: Vec<(usize, Option<Isometry3<f64>>)>,
     pub(super) added: Vec<(usize, Isometry3<f64>)>,
+}
+
+impl KeyframeChanges {
+    /// Whether a keyframe leaves the map.
+    pub(super) fn removes(&self) -> bool {
+        self.changed.iter().any(|(_, pose)| pose.is_none())
+    }
 }
 
 impl SurfaceKeyframes {
     /// Adds frames that are keyframes from now on.
     pub(super) fn choose(&mut self, frames: impl IntoIterator<Item = usize>) {
         self.0.extend(frames.into_iter().map(|frame| (frame, None)));
+    }
+
+    /// All of them, in ascending order.
+    pub(super) fn frames(&self) -> impl Iterator<Item = usize> {
+        self.0.keys().copied()
     }
 
     /// Whether a frame was chosen.
@@ -50,7 +62,7 @@ impl SurfaceKeyframes {
 
     /// Whether a frame is to be added that comes before one which stays in the map.
     pub(super) fn would_be_disordered(&self, changes: &KeyframeChanges) -> bool {
-        let is_kept = |(frame, _): &(usize, _)| changes.removed.binary_search(frame).is_err();
+        let is_kept = |(frame, _): &(usize, _)| !changes.changed.contains(&(*frame, None));
         let last = self.in_map().filter(is_kept).last();
         let first = changes.added.first();
         last.zip(first)
@@ -66,10 +78,7 @@ impl SurfaceKeyframes {
         for (&frame, before) in &self.0 {
             match (before, pose(frame)) {
                 (None, Some(pose)) => changes.added.push((frame, pose)),
-                (Some(_), None) => changes.removed.push(frame),
-                (Some(before), Some(pose)) if *before != pose => {
-                    changes.corrected.push((frame, pose));
-                }
+                (Some(_), pose) if *before != pose => changes.changed.push((frame, pose)),
                 _ => {}
             }
         }
@@ -97,8 +106,8 @@ mod tests {
             3 => None,
             other => at(1.0 + other as f64),
         });
-        assert_eq!(changes.removed, [3]);
-        assert_eq!(changes.corrected, [(5, at(6.0).unwrap())]);
+        assert_eq!(changes.changed, [(3, None), (5, at(6.0))]);
+        assert!(changes.removes());
         assert_eq!(changes.added, [(9, at(10.0).unwrap())]);
         assert_eq!(keyframes.in_map().count(), 3);
 
@@ -107,7 +116,7 @@ mod tests {
         keyframes.set(5, None);
         let mut changes = keyframes.changes(|frame| at(frame as f64));
         assert!(keyframes.would_be_disordered(&changes));
-        changes.removed = vec![9];
+        changes.changed.push((9, None));
         assert!(!keyframes.would_be_disordered(&changes));
         keyframes.take_out();
         assert_eq!(keyframes.in_map().count(), 0);

@@ -22,95 +22,70 @@ pub(crate) struct PrepareTimes {
     pub(super) features: f64,
 }
 
-/// Where the depth of features comes from.
-enum DepthSource {
-    Sensor(DepthSensor),
-    /// The right image of a pair.
-    Pair,
-    None,
-}
-
-impl DepthSource {
-    fn new(
-        sequence: &Sequence,
-        mode: TrackingMode,
-        frames: &[usize],
-        relative_noise: f64,
-    ) -> Result<Self, TrackError> {
-        mode.check(sequence)?;
-        match (mode, sequence.depth_calibration()) {
-            (TrackingMode::Rgbd, Some(calibration)) => {
-                let median_depth = median_scene_depth(sequence, frames)?.ok_or_else(|| {
-                    TrackError::Missing(format!(
-                        "{}: none of the depth images looked at holds a depth: are they the right files? Without them: \
-                         --mode mono",
-                        sequence.folder().display()
-                    ))
-                })?;
-                Ok(Self::Sensor(
-                    calibration.sensor(relative_noise, median_depth),
-                ))
-            }
-            (TrackingMode::Stereo, _) => Ok(Self::Pair),
-            _ => Ok(Self::None),
-        }
-    }
-}
-
 /// What is needed to find the features of a frame.
 pub(crate) struct Preparation {
-    source: DepthSource,
+    mode: TrackingMode,
+    /// The camera of depth images, where depth comes from them.
+    sensor: Option<DepthSensor>,
     detector: FrameDetector,
 }
 
 impl Preparation {
-    /// For frames with depth images.
-    pub(crate) fn of_sensor(sensor: DepthSensor, options: &TrackingOptions) -> Self {
+    /// For frames of a sequence; with depth images, the median scene depth is the length scale of their noise.
+    pub(crate) fn new(
+        sequence: &Sequence,
+        mode: TrackingMode,
+        median_depth: Option<f64>,
+        relative_noise: f64,
+        options: &TrackingOptions,
+    ) -> Self {
+        let calibration = sequence.depth_calibration();
+        let scaled = calibration
+            .filter(|_| mode == TrackingMode::Rgbd)
+            .zip(median_depth);
         Self {
-            source: DepthSource::Sensor(sensor),
+            mode,
+            sensor: scaled.map(|(calibration, depth)| calibration.sensor(relative_noise, depth)),
             detector: FrameDetector::new(options),
         }
     }
 
-    /// For stereo pairs.
-    pub(crate) fn of_pairs(options: &TrackingOptions) -> Self {
-        Self {
-            source: DepthSource::Pair,
-            detector: FrameDetector::new(options),
-        }
-    }
-
-    /// For images without depth.
-    pub(crate) fn of_images(options: &TrackingOptions) -> Self {
-        Self {
-            source: DepthSource::None,
-            detector: FrameDetector::new(options),
-        }
-    }
-
-    /// For these frames of a sequence.
+    /// For these frames of a sequence, whose depth images are looked at for the median scene depth.
     ///
     /// # Errors
     /// When the sequence has not what `mode` needs, or its depth images contradict the calibration.
-    pub(super) fn new(
+    pub(super) fn of_frames(
         sequence: &Sequence,
         mode: TrackingMode,
         frames: &[usize],
         relative_noise: f64,
         options: &TrackingOptions,
     ) -> Result<Self, TrackError> {
-        Ok(Self {
-            source: DepthSource::new(sequence, mode, frames, relative_noise)?,
-            detector: FrameDetector::new(options),
-        })
+        mode.check(sequence)?;
+        let mut median_depth = None;
+        if mode == TrackingMode::Rgbd {
+            median_depth = median_scene_depth(sequence, frames)?;
+            if median_depth.is_none() {
+                return Err(TrackError::Missing(format!(
+                    "{}: none of the depth images looked at holds a depth: are they the right files? Without them: \
+                     --mode mono",
+                    sequence.folder().display()
+                )));
+            }
+        }
+        Ok(Self::new(
+            sequence,
+            mode,
+            median_depth,
+            relative_noise,
+            options,
+        ))
     }
 
     /// The stereo pair in whose rectified images features are found; `None` where they are found in the colour images.
     fn pair<'a>(&self, sequence: &'a Sequence) -> Option<&'a StereoPair> {
-        match &self.source {
-            DepthSource::Pair => sequence.stereo(),
-            _ => None,
-        }
+        let pair = sequence.stereo();
+        pair.filter(|_| self.mode == TrackingMode::Stereo)
     }
 
     /// Camera and size of the images in which features are found.
@@ -151,9 +126,9 @@ impl Preparation {
             return Ok((features, times));
         }
         let image = sequence.load_gray(frame)?;
-        let depth = match &self.source {
-            DepthSource::Sensor(sensor) => sequence.load_depth(frame)?.map(|depth| (sensor, depth)),
-            _ => None,
+        let depth = match &self.sensor {
+            Some(sensor) => sequence.load_depth(frame)?.map(|depth| (sensor, depth)),
+            None => None,
         };
         let loaded = start.elapsed();
         let camera = sequence.color_camera();

@@ -120,7 +120,7 @@ pub fn track_watched(
 ) -> Result<TrackedSequence, TrackError> {
     let folder = sequence.folder().display();
     let all: Vec<usize> = (0..sequence.frames().len()).collect();
-    let preparation = Preparation::new(sequence, mode, &all, relative_noise, &options)?;
+    let preparation = Preparation::of_frames(sequence, mode, &all, relative_noise, &options)?;
     let (camera, size) = preparation.camera(sequence);
     let (width, height) = (size.width as usize, size.height as usize);
     let mut tracker = Tracker::new(options, camera, width, height)?;

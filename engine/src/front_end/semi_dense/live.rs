@@ -1,25 +1,12 @@
 //! Semi-dense depth for a live session, where keyframes arrive one by one and poses change.
 
-use linecarve_lines::{ExtractError, ExtractOptions};
 use nalgebra::Isometry3;
 
 use super::SemiDenseFrontEnd;
-use crate::front_end::{Arrivals, FrontEndError, SemiDenseSource};
+use crate::front_end::{Arrivals, FrontEndError};
 use linecarve_sequence::Sequence;
 
 impl SemiDenseFrontEnd {
-    /// A front end for an unknown number of keyframes. Without pose changes it returns the arrivals of
-    /// [`run_in_groups`](crate::front_end::run_in_groups), provisional ones included.
-    ///
-    /// # Errors
-    /// When an option is out of range.
-    pub(crate) fn live(
-        source: &SemiDenseSource,
-        options: ExtractOptions,
-    ) -> Result<Self, ExtractError> {
-        Self::new(source, 0, options, None, true)
-    }
-
     /// Adds a frame of the sequence as the next keyframe; returns all arrivals that became due.
     ///
     /// # Errors

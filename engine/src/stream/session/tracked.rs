@@ -1,5 +1,6 @@
 //! Frames without poses: each is tracked, and the map follows the poses of the keyframes among them.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -16,7 +17,6 @@ use crate::stream::message::{
     CorrectedPose, DepthKind, FrameMessage, FrameReply, ImageSource, PoseKind, Reply, StartMessage,
     TrackingSummary,
 };
-use crate::stream::surface_keyframes::KeyframeChanges;
 use crate::stream::tracked_frames::Frames;
 use crate::tracking::TrackingMode;
 
@@ -30,6 +30,17 @@ struct Followed {
 }
 
 impl Followed {
+    /// Notes keyframes with other poses, and removed ones.
+    fn note(&mut self, frames: &Frames, changed: &[(usize, Option<Isometry3<f64>>)]) {
+        for (frame, pose) in changed {
+            let id = frames.id(*frame);
+            match pose {
+                Some(pose) => self.corrected.push(CorrectedPose::new(id, pose)),
+                None => self.removed.push(id),
+            }
+        }
+    }
+
     fn is_correction(&self) -> bool {
         !(self.corrected.is_empty() && self.removed.is_empty())
     }
@@ -39,10 +50,18 @@ impl Followed {
 pub(super) struct TrackingEnd {
     pub(super) summary: TrackingSummary,
     pub(super) trajectory: Vec<PosedImage>,
-    /// Final poses of the keyframes in the map.
-    pub(super) keyframes: Vec<CorrectedPose>,
-    /// Whether the map changed.
-    pub(super) is_changed: bool,
+    /// The keyframes with their final poses.
+    pub(super) keyframes: Vec<(u64, LiveFrame)>,
+}
+
+impl TrackingEnd {
+    /// Final poses of the keyframes.
+    pub(super) fn poses(&self) -> Vec<CorrectedPose> {
+        let keyframes = self.keyframes.iter();
+        keyframes
+            .map(|(id, frame)| CorrectedPose::new(*id, &frame.world_from_camera))
+            .collect()
+    }
 }
 
 /// Checks that a session can track.
@@ -199,11 +218,11 @@ impl Session {
         let mut surface_submap = 0;
         let mut earlier = Vec::new();
         if let Some(mut tracker) = self.tracker.take() {
-            let with_id = |(number, pose)| corrected_pose(&(tracker.frames().id(number), pose));
+            let with_id = |(number, pose)| CorrectedPose::new(tracker.frames().id(number), &pose);
             earlier = frame.earlier.into_iter().map(with_id).collect();
             surface_submap = tracker.surface_submap();
             let pose = |frame| tracker.surface_pose(frame);
-            followed = self.follow(tracker.frames(), pose, false);
+            followed = self.follow(tracker.frames(), pose);
             for number in tracker.take_decided() {
                 if !self.chosen.contains(number) {
                     let id = tracker.frames().id(number);
@@ -247,77 +266,41 @@ impl Session {
         &mut self,
         frames: &Frames,
         pose: impl Fn(usize) -> Option<Isometry3<f64>>,
-        is_end: bool,
     ) -> Followed {
         let mut followed = Followed::default();
         let mut changes = self.chosen.changes(&pose);
         if self.map.as_ref().is_some_and(|map| map.is_ordered()) {
             if self.chosen.would_be_disordered(&changes) {
-                return self.follow_anew(frames, pose, &changes);
+                // A new map, for keyframes that come before others which the map has.
+                followed.note(frames, &changes.changed);
+                self.map = None;
+                self.chosen.take_out();
+                let all = self.chosen.changes(pose).added;
+                self.add_keyframes(frames, all, &mut followed);
+                let new = changes.added.iter().map(|(frame, _)| frames.id(*frame));
+                let new: BTreeSet<u64> = new.collect();
+                followed.added.retain(|id| new.contains(id));
+                return followed;
             }
             // Corrections make the map estimate depth again: once a keyframe.
-            if changes.added.is_empty() && changes.removed.is_empty() && !is_end {
-                changes.corrected.clear();
+            if changes.added.is_empty() && !changes.removes() {
+                changes.changed.clear();
             }
         }
-        let KeyframeChanges {
-            removed,
-            corrected,
-            added,
-        } = changes;
         if let Some(map) = &mut self.map {
-            let ids: Vec<u64> = removed.iter().map(|frame| frames.id(*frame)).collect();
-            match map.remove(&ids, &self.options) {
+            let changed = changes.changed.iter();
+            let changed = changed.map(|(frame, pose)| (frames.id(*frame), *pose));
+            match map.change(&changed.collect::<Vec<_>>(), &self.options) {
                 Ok(()) => {
-                    removed
-                        .iter()
-                        .for_each(|frame| self.chosen.set(*frame, None));
-                    followed.removed = ids;
-                }
-                Err(error) => followed.warnings.push(error.to_string()),
-            }
-            let poses: Vec<_> = corrected
-                .iter()
-                .map(|(frame, pose)| (frames.id(*frame), *pose))
-                .collect();
-            match map.correct(&poses, &self.options) {
-                Ok(()) => {
-                    for (frame, pose) in corrected {
-                        self.chosen.set(frame, Some(pose));
+                    followed.note(frames, &changes.changed);
+                    for (frame, pose) in changes.changed {
+                        self.chosen.set(frame, pose);
                     }
-                    followed.corrected = poses.iter().map(corrected_pose).collect();
                 }
                 Err(error) => followed.warnings.push(error.to_string()),
             }
         }
-        self.add_keyframes(frames, added, &mut followed);
-        followed
-    }
-
-    /// [`follow`](Self::follow) with a new map, for keyframes that come before others which the map has.
-    fn follow_anew(
-        &mut self,
-        frames: &Frames,
-        pose: impl Fn(usize) -> Option<Isometry3<f64>>,
-        changes: &KeyframeChanges,
-    ) -> Followed {
-        let ids = |numbers: &[usize]| numbers.iter().map(|frame| frames.id(*frame)).collect();
-        let with_id = |(frame, pose): &(usize, _)| corrected_pose(&(frames.id(*frame), *pose));
-        let mut followed = Followed {
-            removed: ids(&changes.removed),
-            corrected: changes.corrected.iter().map(with_id).collect(),
-            ..Followed::default()
-        };
-        self.map = None;
-        self.chosen.take_out();
-        let all = self.chosen.changes(pose).added;
-        self.add_keyframes(frames, all, &mut followed);
-        let new: Vec<u64> = changes
-            .added
-            .iter()
-            .map(|(frame, _)| frames.id(*frame))
-            .collect();
-        followed.added.retain(|id| new.contains(id));
+        self.add_keyframes(frames, changes.added, &mut followed);
         followed
     }
 
@@ -344,29 +327,18 @@ impl Session {
         }
     }
 
-    /// Adjusts all poses to all frames; the map follows. `None` without frames.
+    /// Adjusts all poses to all frames. `None` without frames.
     pub(super) fn finish_tracking(&mut self) -> Option<TrackingEnd> {
         let (chosen, session) = self.tracker.take()?.finish();
         self.chosen.choose(chosen);
-        let followed = self.follow(&session.frames, |frame| session.pose(frame), true);
-        let is_changed = followed.is_correction() || !followed.added.is_empty();
-        let mut summary = session.summary();
-        summary.warnings.extend(followed.warnings);
-        let keyframes = self.chosen.in_map();
-        let keyframes =
-            keyframes.map(|(frame, pose)| corrected_pose(&(session.frames.id(frame), pose)));
+        let keyframes = self.chosen.frames().filter_map(|frame| {
+            let keyframe = session.frames.keyframe(frame, session.pose(frame)?);
+            Some((session.frames.id(frame), keyframe))
+        });
         Some(TrackingEnd {
-            summary,
-            trajectory: session.trajectory(),
             keyframes: keyframes.collect(),
-            is_changed,
+            summary: session.summary(),
+            trajectory: session.trajectory(),
         })
-    }
-}
-
-fn corrected_pose((id, pose): &(u64, Isometry3<f64>)) -> CorrectedPose {
-    CorrectedPose {
-        id: *id,
-        world_from_camera: pose.into(),
     }
 }

@@ -1,46 +1,40 @@
-//! Incremental semi-dense depth and the map made from it.
+//! Keyframes that come one by one, and the map made from them.
 
 use nalgebra::Vector3;
 
 use super::SessionError;
 use super::session_keyframes::SessionKeyframes;
-use crate::front_end::{Arrival, DepthSource, Keyframe, SemiDenseFrontEnd, SemiDenseSource};
+use crate::front_end::{Arrival, DepthSource, FrontEnd, Keyframe};
 use crate::map::Map;
 use crate::mapper::{Mapper, Taken};
 use crate::options::Options;
-use linecarve_sequence::LiveSequence;
+use linecarve_sequence::{LiveSequence, Sequence};
 
-/// The front end of a live session and the map of its estimates.
-pub(super) struct SemiDenseMapper {
-    /// `None` after the end of the session.
-    pub(super) front_end: Option<SemiDenseFrontEnd>,
+/// The front end of a live session and the map of its keyframes.
+pub(super) struct LiveMapping {
+    pub(super) front_end: FrontEnd,
     pub(super) mapper: Mapper,
-    pub(super) source: SemiDenseSource,
+    pub(super) depth: DepthSource,
+    pub(super) median_depth: f64,
 }
 
-impl SemiDenseMapper {
+impl LiveMapping {
     /// An empty map.
     pub(super) fn begin(
         options: &Options,
         live: &LiveSequence,
-        median_depth: f64,
+        (depth, median_depth): (DepthSource, f64),
         origin: Vector3<f64>,
     ) -> Result<Self, SessionError> {
-        let source = SemiDenseSource {
-            options: options.semi_dense,
-            median_depth,
-        };
-        let mut map = empty_map(options, live, source)?;
+        let mut map = empty_map(options, live.sequence(), &depth, median_depth)?;
         map.keep_measurements();
         let mut mapper = Mapper::new(map, origin);
         mapper.follow_surface();
         Ok(Self {
-            front_end: Some(SemiDenseFrontEnd::live(
-                &source,
-                options.extract(median_depth),
-            )?),
+            front_end: FrontEnd::live(&depth, options.extract(median_depth))?,
             mapper,
-            source,
+            depth,
+            median_depth,
         })
     }
 
@@ -69,7 +63,10 @@ impl SemiDenseMapper {
         let taken = self.mapper.take(number, arrival, false)?;
         match (taken, index, provisional) {
             (Taken::Skipped(source), ..) => Err(failed(source)),
-            (Taken::Keyframe(update), Some(index), _) => {
+            (Taken::Keyframe(mut update), Some(index), _) => {
+                if let Keyframe::Lines(lines) = &mut update.keyframe {
+                    lines.times = update.times;
+                }
                 keyframes.set_final(index, update.keyframe);
                 Ok(())
             }
@@ -84,19 +81,16 @@ impl SemiDenseMapper {
 }
 
 fn frame_of(keyframe: &Keyframe) -> Option<usize> {
-    match keyframe {
-        Keyframe::Lines(keyframe) => Some(keyframe.frame),
-        Keyframe::Features(_) | Keyframe::Views(_) => None,
-    }
+    keyframe.lines().map(|lines| lines.frame)
 }
 
 /// A map without keyframes.
 pub(super) fn empty_map(
     options: &Options,
-    live: &LiveSequence,
-    source: SemiDenseSource,
+    sequence: &Sequence,
+    depth: &DepthSource,
+    median_depth: f64,
 ) -> Result<Map, SessionError> {
-    let depth = DepthSource::SemiDense(Box::new(source));
-    let camera = live.sequence().color_camera();
-    Ok(Map::of_lines(options, camera, &depth, source.median_depth)?)
+    let camera = sequence.color_camera();
+    Ok(Map::of_lines(options, camera, depth, median_depth)?)
 }
