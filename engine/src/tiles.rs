@@ -17,7 +17,6 @@ use std::path::{Path, PathBuf};
 
 use linecarve_carving::ExportOptions;
 use linecarve_mesh::{StreamedMesh, TriangleMesh, write_mesh_ply, write_streamed_mesh_ply};
-use linecarve_sequence::DenseCloud;
 use linecarve_tiles::{MergedMesh, PlanOptions, TilesError, Work, merged_mesh, merged_surface};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -98,7 +97,7 @@ pub fn plan(
     // Others are refused below.
     let is_plain =
         is_plain && input.source == Source::MapPoints && input.selection.given.is_empty();
-    if is_plain && let Some(cloud) = DenseCloud::open(&input.path)? {
+    if is_plain && let Some(cloud) = input.dense_cloud()? {
         ensure_no_sequence(folder)?;
         let work = cloud::plan(&cloud, &options, split, folder)?;
         return Ok(Planned::Model(Box::new(work)));

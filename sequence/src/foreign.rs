@@ -87,7 +87,7 @@ pub(super) static KINDS: [ForeignKind; 24] = [
         f.starts(b"\x89PNG") || f.starts(&[0xFF, 0xD8, 0xFF]) || f.starts(b"II*\0") || f.starts(b"MM\0*") || f.starts(b"BM")
             || (f.starts(b"RIFF") && f.at(8, b"WEBP")) } },
     ForeignKind { what: "a mesh or a cloud", remedy: "it has no images to reconstruct from: linecarve render draws it, evaluate measures it, convert changes \
-        its format", is_one: |f| f.starts(b"ply") || f.starts(b"glTF") || f.ends(&[".obj", ".stl", ".off", ".gltf"]) },
+        its format, and linecarve mesh --cameras makes a mesh of points with normals", is_one: |f| f.starts(b"ply") || f.starts(b"glTF") || f.ends(&[".obj", ".stl", ".off", ".gltf"]) },
     ForeignKind { what: "a trajectory or a list", remedy: "give the folder of the sequence, and a trajectory in it with --poses FILE",
         is_one: |f| f.ends(&[".txt", ".csv", ".log", ".tum"]) },
 ];

@@ -11,8 +11,13 @@ use super::ranges::number;
 #[derive(Debug, Args)]
 pub struct MeshArgs {
     /// A dense workspace of COLMAP (`fused.ply`, `fused.ply.vis` and `sparse/`), its `fused.ply`, a sparse model, or a scene of OpenMVS
-    /// (`.mvs`). Images are not needed.
+    /// (`.mvs`). Images are not needed. With --cameras any PLY file of points with normals.
     pub input: PathBuf,
+
+    /// Cameras of a PLY file with normals: the folder of a COLMAP model, or a text file with a line for each camera,
+    /// `x y z qx qy qz qw width height fx fy cx cy`, world from camera. A point is seen by the cameras that its normal faces.
+    #[arg(long, value_name = "FILE")]
+    pub cameras: Option<PathBuf>,
 
     /// The mesh: a name that ends with .glb, .obj or .ply.
     #[arg(long, short = 'o', value_name = "FILE")]

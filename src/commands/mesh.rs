@@ -16,7 +16,6 @@ use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, ProjectError, Split, Task};
 use linecarve_engine::tiles::{PointMesh, Project, carry_out_all, mesh_points, plan, write_mesh};
 use linecarve_engine::{Input, Source};
 use linecarve_mesh::{GltfFrame, TriangleMesh, read_geometry};
-use linecarve_sequence::DenseCloud;
 
 use super::simplify::format_of;
 
@@ -32,7 +31,8 @@ const BYTES_OF_POINT: u64 = 1600;
 
 pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let format = format_of("--out", &args.out)?;
-    let input = cloud_of(&args.input);
+    let mut input = source(&cloud_of(&args.input));
+    input.cameras.clone_from(&args.cameras);
     let mut options = match &args.config {
         Some(path) => Configuration::read(path)?.options(),
         None => Options::default(),
@@ -67,7 +67,7 @@ pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outco
         });
         return Ok(Outcome::Negative(format!(
             "{}: the mesh is empty: {why}",
-            input.display()
+            input.path.display()
         )));
     }
     if let Some(left_out) = left_out.filter(|_| verbosity > Verbosity::Quiet) {
@@ -92,10 +92,10 @@ fn cloud_of(input: &Path) -> PathBuf {
     found.unwrap_or_else(|| input.to_owned())
 }
 
-fn source(input: &Path, verbosity: Verbosity) -> Input {
+fn source(input: &Path) -> Input {
     let mut options = Input::from(input);
     options.source = Source::MapPoints;
-    options.progress = verbosity.hook();
+    options.progress = Verbosity::Quiet.hook();
     options
 }
 
@@ -109,24 +109,24 @@ fn folder_of(file: &Path) -> &Path {
 
 /// Carves all points in this process, with temporary files beside the mesh.
 fn at_once(
-    input: &Path,
+    input: &Input,
     options: Options,
     is_closed: bool,
     out: &Path,
 ) -> anyhow::Result<PointMesh> {
-    let source = source(input, Verbosity::Quiet);
-    let Some(made) = mesh_points(&source, options, is_closed, folder_of(out))? else {
+    let Some(made) = mesh_points(input, options, is_closed, folder_of(out))? else {
         bail!(
-            "{}: no points with views: give the workspace of `colmap stereo_fusion`, its fused.ply (with fused.ply.vis beside it), a \
-             sparse model, or a scene of OpenMVS; `linecarve reconstruct` makes surfaces from images",
-            input.display()
+            "{}: no points with views: give the workspace of `colmap stereo_fusion`, its fused.ply (with fused.ply.vis beside it), a PLY \
+             file with normals and its --cameras, a sparse model, or a scene of OpenMVS; `linecarve reconstruct` makes surfaces from \
+             images",
+            input.path.display()
         );
     };
     Ok(made)
 }
 
 /// Carves the points in tiles, in a folder beside the mesh that is removed afterwards.
-fn in_tiles(input: &Path, options: Options, out: &Path) -> anyhow::Result<TriangleMesh> {
+fn in_tiles(input: &Input, options: Options, out: &Path) -> anyhow::Result<TriangleMesh> {
     let beside = folder_of(out);
     let work = tempfile::Builder::new()
         .prefix(".linecarve-mesh")
@@ -137,12 +137,7 @@ fn in_tiles(input: &Path, options: Options, out: &Path) -> anyhow::Result<Triang
         halo: linecarve_tiles::PlanOptions::default().halo,
         keyframes_of_task: KEYFRAMES_OF_TASK,
     };
-    plan(
-        &source(input, Verbosity::Quiet),
-        options,
-        split,
-        work.path(),
-    )?;
+    plan(input, options, split, work.path())?;
     let carry_out = |task: Task| Project::open(work.path())?.carry_out(task);
     let (project, _) = carry_out_all::<ProjectError>(work.path(), 1, carry_out)?;
     let (path, _) = write_mesh(&project)?;
@@ -150,8 +145,8 @@ fn in_tiles(input: &Path, options: Options, out: &Path) -> anyhow::Result<Triang
 }
 
 /// The number of points of a dense cloud that does not fit into the memory that is free.
-fn is_too_large(input: &Path) -> anyhow::Result<Option<u64>> {
-    let (Some(cloud), Some(free)) = (DenseCloud::open(input)?, free_memory()) else {
+fn is_too_large(input: &Input) -> anyhow::Result<Option<u64>> {
+    let (Some(cloud), Some(free)) = (input.dense_cloud()?, free_memory()) else {
         return Ok(None);
     };
     let points = cloud.point_count();
@@ -267,12 +262,19 @@ mod tests {
         let city = folder.path().join("city");
         let options = linecarve_synth::CityOptions::new(3000, 1);
         linecarve_synth::write_city(&options, &city).unwrap();
-        let input = cloud_of(&city);
-        let out = folder.path().join("mesh.ply");
-        let tiled = in_tiles(&input, Options::default(), &out).unwrap();
-        let whole = at_once(&input, Options::default(), false, &out)
-            .unwrap()
-            .mesh;
+        let by_images = source(&cloud_of(&city));
+        let mut by_normals = by_images.clone();
+        by_normals.cameras = Some(city.join("sparse"));
+        for input in [by_images, by_normals] {
+            demand_same_in_tiles(&input, &folder.path().join("mesh.ply"));
+            // Nothing is left beside the mesh.
+            assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+        }
+    }
+
+    fn demand_same_in_tiles(input: &Input, out: &Path) {
+        let tiled = in_tiles(input, Options::default(), out).unwrap();
+        let whole = at_once(input, Options::default(), false, out).unwrap().mesh;
         assert!(whole.triangles.len() > 1000);
         assert_eq!(tiled.triangles, whole.triangles);
         // Files have single precision.
@@ -284,8 +286,6 @@ mod tests {
         };
         assert_eq!(single(&tiled), single(&whole));
         assert!(tiled.colors == whole.colors);
-        // Nothing is left beside the mesh.
-        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]

@@ -42,12 +42,21 @@ pub struct CityOptions {
     pub points: usize,
     /// Seed of noise and wrong points.
     pub seed: u64,
+    /// Standard deviation of each coordinate of a point.
+    pub noise: f64,
+    /// Share of wrong points, which lie between a view and where they should be.
+    pub wrong: f64,
 }
 
 impl CityOptions {
     /// So many points, drawn with this seed.
     pub fn new(points: usize, seed: u64) -> Self {
-        Self { points, seed }
+        Self {
+            points,
+            seed,
+            noise: NOISE,
+            wrong: WRONG,
+        }
     }
 }
 
@@ -85,6 +94,13 @@ impl City {
 
     fn ground(&self, x: f64, y: f64) -> f64 {
         3.0 * (0.011 * x).sin() * (0.017 * y).cos()
+    }
+
+    fn ground_normal(x: f64, y: f64) -> [f64; 3] {
+        let east = 3.0 * 0.011 * (0.011 * x).cos() * (0.017 * y).cos();
+        let north = -3.0 * 0.017 * (0.011 * x).sin() * (0.017 * y).sin();
+        let length = (1.0 + east * east + north * north).sqrt();
+        [-east / length, -north / length, 1.0 / length]
     }
 
     /// Height of what stands at a place.
@@ -148,27 +164,33 @@ impl City {
         mesh
     }
 
-    /// A point on the surface: ground and roofs by their plan, walls by as much again.
-    fn surface_point(&self, random: &mut ChaCha8Rng) -> [f64; 3] {
+    /// A point on the surface, and its normal: ground and roofs by their plan, walls by as much again.
+    fn surface_point(&self, random: &mut ChaCha8Rng) -> [[f64; 3]; 2] {
         let side = self.blocks as f64 * PERIOD;
         if random.random_range(0.0..1.0) < 0.5 {
             let (x, y) = (
                 random.random_range(0.0..side),
                 random.random_range(0.0..side),
             );
-            return [x, y, self.height(x, y)];
+            let height = self.height(x, y);
+            let normal = match height == self.ground(x, y) {
+                true => Self::ground_normal(x, y),
+                false => [0.0, 0.0, 1.0],
+            };
+            return [[x, y, height], normal];
         }
         let i = random.random_range(0..self.blocks);
         let j = random.random_range(0..self.blocks);
         let along = random.random_range(0.0..BLOCK);
         let across = [0.0, BLOCK][random.random_range(0..2usize)];
-        let (x, y) = match random.random_range(0..2u32) {
-            0 => (along, across),
-            _ => (across, along),
+        let outwards = if across == 0.0 { -1.0 } else { 1.0 };
+        let (x, y, normal) = match random.random_range(0..2u32) {
+            0 => (along, across, [0.0, outwards, 0.0]),
+            _ => (across, along, [outwards, 0.0, 0.0]),
         };
         let (x, y) = (i as f64 * PERIOD + x, j as f64 * PERIOD + y);
         let ground = self.ground(x, y);
-        [x, y, random.random_range(ground..self.roof(i, j))]
+        [[x, y, random.random_range(ground..self.roof(i, j))], normal]
     }
 
     /// Whether nothing stands between a view and a point.
@@ -318,27 +340,26 @@ fn write_points(
     views.write_all(&(options.points as u64).to_le_bytes())?;
     let mut written = 0;
     while written < options.points {
-        let on_surface = city.surface_point(&mut random);
+        let [on_surface, normal] = city.surface_point(&mut random);
         let mut point = on_surface;
         for x in &mut point {
             // The sum of three is near enough to a normal distribution.
             let noise: f64 = (0..3).map(|_| random.random_range(-1.0..1.0)).sum();
-            *x += NOISE * noise;
+            *x += options.noise * noise;
         }
         city.images(&on_surface, &mut images);
         let Some(&first) = images.first() else {
             continue;
         };
-        if random.random_range(0.0..1.0) < WRONG {
+        if random.random_range(0.0..1.0) < options.wrong {
             let center = city.views[first as usize / 5];
             let share = random.random_range(0.3..1.0);
             point = std::array::from_fn(|k| center[k] + share * (point[k] - center[k]));
         }
         images.sort_unstable();
-        for x in point {
+        for x in point.into_iter().chain(normal) {
             points.write_all(&(x as f32).to_le_bytes())?;
         }
-        points.write_all(&[0; 12])?;
         points.write_all(&[150, 140, 130])?;
         views.write_all(&(images.len() as u32).to_le_bytes())?;
         for image in &images {

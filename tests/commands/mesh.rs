@@ -57,3 +57,32 @@ fn a_sparse_model_gives_a_mesh_and_other_names_are_refused() {
     let missing = path("missing");
     expect_status(2, ["mesh", text(&missing), "--out", text(&mesh)]);
 }
+
+#[test]
+fn points_with_normals_need_cameras() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let city = path("city");
+    let synth = ["synth", "city", "--points", "3000", "-q", "--out"];
+    expect_status(0, synth.into_iter().chain([text(&city)]));
+    let cloud = path("cloud.ply");
+    std::fs::rename(city.join("fused.ply"), &cloud).unwrap();
+    let (mesh, sparse) = (path("mesh.ply"), city.join("sparse"));
+    let arguments = ["mesh", text(&cloud), "--out", text(&mesh)];
+    let output = expect_status(2, arguments);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("--cameras"), "{said}");
+    let with = |cameras| arguments.into_iter().chain(["--cameras", cameras]);
+    expect_status(0, with(text(&sparse)));
+    assert!(std::fs::metadata(&mesh).unwrap().len() > 10_000);
+    // A list of cameras that has a wrong line, and a mesh, which has no normals.
+    let list = path("cameras.txt");
+    std::fs::write(&list, "# one\n1 2 3\n").unwrap();
+    let output = expect_status(2, with(text(&list)));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("line 2: a camera is 13 numbers"), "{said}");
+    let other = ["mesh", text(&mesh), "--cameras", text(&sparse)];
+    let output = expect_status(2, other.into_iter().chain(["--out", text(&mesh)]));
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("nx, ny, nz"), "{said}");
+}

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use linecarve_lines::depth::semi_dense::SemiDenseOptionsError;
 use linecarve_points::PointOptionsError;
 use linecarve_sequence::{
-    FrameError, KeyframeListError, KeyframeOptionsError, OpenOptions, SequenceError,
+    DenseCloud, FrameError, KeyframeListError, KeyframeOptionsError, OpenOptions, SequenceError,
 };
 
 use crate::front_end::{ImagePosesError, ScaleError};
@@ -74,8 +74,24 @@ pub struct Input {
     pub accept_as_is: bool,
     /// Up in the frame of the poses; `None` takes the mean up direction of the cameras.
     pub up: Option<[f64; 3]>,
+    /// Cameras of a dense cloud with normals, see [`DenseCloud::with_cameras`](linecarve_sequence::DenseCloud::with_cameras). Only
+    /// [`mesh_points`](crate::tiles::mesh_points) and [`plan`](crate::tiles::plan()) read them.
+    pub cameras: Option<PathBuf>,
     /// Hears how far the preparation of the recording is.
     pub progress: ProgressHook,
+}
+
+impl Input {
+    /// The dense cloud that is read point by point, if the input is one.
+    ///
+    /// # Errors
+    /// When a file of the cloud cannot be read.
+    pub fn dense_cloud(&self) -> Result<Option<DenseCloud>, SequenceError> {
+        match &self.cameras {
+            Some(cameras) => DenseCloud::with_cameras(&self.path, cameras).map(Some),
+            None => DenseCloud::open(&self.path),
+        }
+    }
 }
 
 impl<P: AsRef<Path>> From<P> for Input {
@@ -90,6 +106,7 @@ impl<P: AsRef<Path>> From<P> for Input {
             track: false,
             accept_as_is: false,
             up: None,
+            cameras: None,
             progress: ProgressHook::default(),
         }
     }

@@ -37,7 +37,7 @@ pub struct PointMesh {
 /// The mesh is that of a [`Reconstruction`](crate::Reconstruction) of the same points. With `is_closed` it is watertight: nothing is left
 /// out because it was not seen, and the surface goes on along the hull of the points.
 ///
-/// A dense cloud of COLMAP is read point by point, with temporary files in `folder`.
+/// A dense cloud of COLMAP, or with normals and cameras, is read point by point, with temporary files in `folder`.
 ///
 /// # Errors
 /// When the input cannot be read, a parameter is out of range, or a temporary file cannot be written.
@@ -47,7 +47,7 @@ pub fn mesh_points(
     is_closed: bool,
     folder: &Path,
 ) -> Result<Option<PointMesh>, ProjectError> {
-    if let Some(cloud) = DenseCloud::open(&input.path)? {
+    if let Some(cloud) = input.dense_cloud()? {
         return of_cloud(&cloud, &options, is_closed, folder).map(Some);
     }
     let mut recording = Recording::open(input, options)?;

@@ -1,5 +1,7 @@
 //! Bounding volume hierarchy of a triangle mesh.
 
+use std::cell::Cell;
+
 use nalgebra::{Point3, Vector3};
 use parry3d::bounding_volume::Aabb;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
@@ -226,6 +228,37 @@ impl RayScene {
         })
     }
 
+    /// [`closest`](Self::closest) with a triangle that is expected to be near, which spares most of the search.
+    pub(crate) fn closest_from(&self, point: &Point3<f64>, hint: u32) -> Option<ClosestPoint> {
+        let corners = self.corners(hint);
+        let nearest = blend(corners, closest_in_triangle(point, corners));
+        // Rounding of the root must not leave the hint out.
+        let bound = (nearest - point).norm() * (1.0 + 4.0 * f64::EPSILON);
+        let found = self.closest(point, bound);
+        found.or_else(|| self.closest(point, f64::INFINITY))
+    }
+
+    /// Whether the mesh has a point no farther than `reach` from `point`. Faster than [`closest`](Self::closest), because any such point
+    /// suffices. The triangle in `hint` is tried first, and the one that was found is left there.
+    pub(crate) fn is_within(
+        &self,
+        point: &Point3<f64>,
+        reach: f64,
+        hint: &Cell<Option<u32>>,
+    ) -> bool {
+        let is_near = |triangle: &u32| {
+            let corners = self.corners(*triangle);
+            let nearest = blend(corners, closest_in_triangle(point, corners));
+            (nearest - point).norm_squared() <= reach * reach
+        };
+        if hint.get().as_ref().is_some_and(is_near) {
+            return true;
+        }
+        let found = self.near(point, reach).find(is_near);
+        hint.set(found.or(hint.get()));
+        found.is_some()
+    }
+
     /// Triangles whose bounding boxes are within `reach` of a point, in no particular order.
     pub(crate) fn near(&self, point: &Point3<f64>, reach: f64) -> impl Iterator<Item = u32> + '_ {
         let (point, limit) = (*point, reach * reach);
@@ -281,16 +314,17 @@ fn enters(ray: &PreparedRay, node: &BvhNode, max: f64) -> Option<f64> {
     ray.enters_box(&low.into(), &high.into(), max)
 }
 
+#[inline]
 fn squared_distance_to_box(point: &Point3<f64>, bounds: &Aabb) -> f64 {
     let (low, high): (Vector3<f64>, Vector3<f64>) = (bounds.mins.into(), bounds.maxs.into());
-    (0..3)
-        .map(|axis| {
-            let outside = (low[axis] - point[axis])
-                .max(point[axis] - high[axis])
-                .max(0.0);
-            outside * outside
-        })
-        .sum()
+    let mut squared = 0.0;
+    for axis in 0..3 {
+        let outside = (low[axis] - point[axis])
+            .max(point[axis] - high[axis])
+            .max(0.0);
+        squared += outside * outside;
+    }
+    squared
 }
 
 /// Bounding box of a triangle, widened by a few units in the last place so that rounding never prunes a hit; `None`

@@ -138,6 +138,13 @@ fn the_closest_point_is_that_of_all_triangles_sampled_densely() {
         assert!(closest.distance <= sampled + 1e-12);
         assert!(closest.distance >= sampled - 0.03);
         assert!(scene.closest(&point, closest.distance * 0.999).is_none());
+        // The same from any other triangle, and with any hint.
+        let hint = random.random_range(0..mesh.triangles.len() as u32);
+        let from = scene.closest_from(&point, hint).unwrap();
+        assert_eq!(from.distance, closest.distance);
+        let hint = std::cell::Cell::new(Some(hint));
+        assert!(!scene.is_within(&point, closest.distance * 0.999, &hint));
+        assert!(scene.is_within(&point, closest.distance * 1.001, &hint));
     }
 }
 

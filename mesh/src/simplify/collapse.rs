@@ -1,5 +1,7 @@
 //! Decides whether an edge may collapse, and to which position.
 
+use std::cell::Cell;
+
 use nalgebra::{Point3, Vector3};
 
 use super::boundaries::BoundaryFlags;
@@ -57,7 +59,7 @@ pub(super) struct Scratch {
 }
 
 impl Reduction<'_> {
-    fn position(&self, vertex: u32) -> &Point3<f64> {
+    pub(super) fn position(&self, vertex: u32) -> &Point3<f64> {
         &self.mesh.positions[vertex as usize]
     }
 
@@ -170,6 +172,19 @@ impl Reduction<'_> {
         is_allowed
     }
 
+    /// Makes a collapse that was allowed in the same state of the triangles around its edge; false when the state differs.
+    pub(super) fn repeat(&mut self, collapse: &Collapse) -> bool {
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let is_same = self.keeps_facing(collapse, &mut scratch)
+            && self.keeps_boundaries_apart(collapse, &mut scratch)
+            && self.keeps_samples(&mut scratch);
+        self.scratch = scratch;
+        if is_same {
+            self.make(collapse);
+        }
+        is_same
+    }
+
     /// Lists changed and removed triangles; false when a triangle flips or loses its area.
     fn keeps_facing(&self, collapse: &Collapse, scratch: &mut Scratch) -> bool {
         let Collapse { kept, gone, target } = *collapse;
@@ -257,7 +272,15 @@ impl Reduction<'_> {
     fn stays_near(&self, collapse: &Collapse, scratch: &Scratch) -> bool {
         const SIDES: [[f64; 3]; 3] = [[0.5, 0.5, 0.0], [0.0, 0.5, 0.5], [0.5, 0.0, 0.5]];
         let reach = self.limits.off.max(self.limits.beyond);
+        // The triangle of the original that was near the last sample.
+        let hint = Cell::new(None);
         let is_near = |triangle: u32, point: &Point3<f64>| {
+            if (self.original.scene()).is_within(point, self.limits.off, &hint) {
+                return true;
+            }
+            if reach <= self.limits.off {
+                return false;
+            }
             let to_surface = self.original.distance(point, self.limits, reach);
             to_surface.is_some_and(|to_surface| {
                 to_surface.distance <= self.limits.off
@@ -269,10 +292,12 @@ impl Reduction<'_> {
             let mut changed = scratch.changed.iter();
             changed.all(|(t, corners, _)| is_near(*t, &blend(corners, weights)))
         };
-        scratch.changed.iter().all(|(triangle, corners, _)| {
-            middles(parts(corners, self.step, MAX_PARTS))
-                .all(|weights| is_near(*triangle, &blend(corners, weights)))
-        }) && SIDES.into_iter().all(are_near)
+        // Few samples of all triangles reject most of what is rejected.
+        SIDES.into_iter().all(are_near)
+            && scratch.changed.iter().all(|(triangle, corners, _)| {
+                middles(parts(corners, self.step, MAX_PARTS))
+                    .all(|weights| is_near(*triangle, &blend(corners, weights)))
+            })
     }
 
     /// Applies the collapse that was checked last.

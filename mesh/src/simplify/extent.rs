@@ -6,7 +6,7 @@ use super::boundaries::BoundaryFlags;
 use super::live::{LiveMesh, doubled_area};
 use super::samples::blend;
 use crate::TriangleMesh;
-use crate::raycast::{RayScene, closest_in_triangle};
+use crate::raycast::{ClosestPoint, RayScene, closest_in_triangle};
 
 /// A suitable boundary tolerance for a mesh: half the median length of boundary edges, which measures how jagged they
 /// are, limited to 1 to 20 times the surface tolerance.
@@ -152,14 +152,39 @@ impl Extent {
         limits: Limits,
         reach: f64,
     ) -> Option<SurfaceDistance> {
-        let nearest = self.scene.closest(point, reach)?;
+        Some(self.continued(point, limits, self.scene.closest(point, reach)?))
+    }
+
+    /// Distance of a point at the nearest point of the surface, which is expected near the triangle `hint`; sets the hint to the triangle
+    /// that was found.
+    pub(super) fn distance_from(
+        &self,
+        point: &Point3<f64>,
+        limits: Limits,
+        hint: &mut Option<u32>,
+    ) -> Option<SurfaceDistance> {
+        let nearest = match *hint {
+            Some(hint) => self.scene.closest_from(point, hint),
+            None => self.scene.closest(point, f64::INFINITY),
+        }?;
+        *hint = Some(nearest.triangle);
+        Some(self.continued(point, limits, nearest))
+    }
+
+    /// Distance of a point from the surface, or from its continuation, whose nearest point is known.
+    fn continued(
+        &self,
+        point: &Point3<f64>,
+        limits: Limits,
+        nearest: ClosestPoint,
+    ) -> SurfaceDistance {
         let on = SurfaceDistance {
             distance: nearest.distance,
             beyond: 0.0,
             triangle: nearest.triangle,
         };
         if nearest.distance <= limits.off || nearest.distance > limits.beyond {
-            return Some(on);
+            return on;
         }
         let triangle = nearest.triangle as usize;
         let weights = nearest.barycentric;
@@ -188,13 +213,13 @@ impl Extent {
             _ => {}
         }
         if distance >= nearest.distance {
-            return Some(on);
+            return on;
         }
-        Some(SurfaceDistance {
+        SurfaceDistance {
             distance,
             beyond: (nearest.distance * nearest.distance - distance * distance).sqrt(),
             ..on
-        })
+        }
     }
 
     /// Distance of a point at the nearest boundary whose plane of continuation is within the limits.

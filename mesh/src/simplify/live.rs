@@ -60,7 +60,22 @@ impl LiveMesh {
 
     /// All remaining triangles, in order.
     pub(super) fn triangles(&self) -> impl Iterator<Item = [u32; 3]> + '_ {
-        self.triangles.iter().copied().filter(|t| *t != GONE)
+        self.numbered_triangles().map(|(_, corners)| corners)
+    }
+
+    /// All remaining triangles with their numbers, in order.
+    pub(super) fn numbered_triangles(&self) -> impl Iterator<Item = (u32, [u32; 3])> + '_ {
+        let numbered = (0..).zip(self.triangles.iter().copied());
+        numbered.filter(|(_, corners)| *corners != GONE)
+    }
+
+    /// Whether a triangle remains here as in `other`, at the same place.
+    pub(super) fn is_same(&self, other: &Self, triangle: u32) -> bool {
+        let (here, there) = (self.corners(triangle), other.corners(triangle));
+        let mut corners = here.iter().zip(there);
+        here == there
+            && (here == GONE
+                || corners.all(|(a, b)| self.positions[*a as usize] == other.positions[b as usize]))
     }
 
     /// Vertices that share a triangle with a vertex, ascending, into `found`.

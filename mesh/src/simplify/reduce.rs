@@ -1,17 +1,15 @@
-//! Collapses in order of cost, and the final check.
-
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
+//! Rounds of simplification and check.
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
-use super::check::{Check, check};
+use super::check::{Check, Compared, Scope, check};
 use super::collapse::{Reduction, Scratch};
 use super::extent::{Extent, Limits, Patches};
 use super::features::Features;
 use super::live::{LiveMesh, doubled_area};
 use super::options::{SimplifyOptions, SimplifyOptionsError};
+use super::passes::Passes;
 use super::quadric::Quadric;
 use super::samples::Samples;
 use crate::TriangleMesh;
@@ -36,8 +34,6 @@ pub struct SimplifiedMesh {
     pub largest_boundary_distance: f64,
 }
 
-/// Maximum passes over all edges; they end when a pass removes less than one triangle in a hundred.
-const MAX_PASSES: usize = 4;
 /// Maximum rounds of simplification and check. Each round fixes the vertices where the check failed.
 const MAX_ROUNDS: usize = 8;
 /// Rounds in which boundaries may move farther than the surface.
@@ -107,25 +103,47 @@ pub fn simplify(
     let unique = UniquePositions::new(&local.positions);
     let vertices = 0..local.positions.len() as u32;
     let mut is_kept: Vec<bool> = vertices.map(|vertex| unique.is_shared(vertex)).collect();
+    let mut passes: Option<Passes> = None;
+    let mut last: Option<LiveMesh> = None;
     let mut result = None;
     for round in 0..MAX_ROUNDS {
         if round == MAX_LOOSE_ROUNDS {
             limits.beyond = limits.off;
+            passes = None;
         }
-        let reduction = reduce(&local, &found, &original, options, limits, step, &is_kept);
-        let (compact, features, came_from) = finished(&reduction, &local, original.scene());
-        let check = check(
-            (&local, &original),
-            (&compact, &Extent::new(&compact, patches(0.0))),
+        let mut reduction = prepared(&local, &found, &original, options, limits, step, &is_kept);
+        let mut now = match passes.take() {
+            Some(passes) => passes.repeat(&mut reduction),
+            None => Passes::new(local.positions.len()),
+        };
+        now.run(&mut reduction);
+        passes = Some(now);
+        let (compact, features, names) = finished(&reduction, &local, original.scene());
+        let extent = Extent::new(&compact, patches(0.0));
+        let compared = Compared {
+            original: (&local, &original),
+            reduced: (&compact, &extent),
+            names: &names,
             step,
             limits,
-            &came_from,
-        );
+        };
+        // A later round differs in few triangles. They are checked first, and all at the end.
+        let scopes = [
+            last.as_ref().map(|last| Scope::changed(last, &reduction)),
+            Some(Scope::all(&local)),
+        ];
+        let mut checks = scopes.into_iter().flatten();
+        let found = checks.find_map(|scope| {
+            let check = check(&compared, &scope);
+            (scope.is_whole || !check.too_far.is_empty()).then_some(check)
+        });
+        let check = found.unwrap_or_default();
         if check.too_far.is_empty() {
             result = Some((compact, features, check));
             break;
         }
         keep_around(&local.triangles, &check.too_far, &mut is_kept);
+        last = Some(reduction.mesh);
     }
     let (mut compact, features, check) = result.unwrap_or_else(|| {
         // Fallback: the original is within any tolerance of itself.
@@ -163,8 +181,8 @@ fn middle(points: &[Point3<f64>]) -> Vector3<f64> {
     nalgebra::center(&low, &high).coords
 }
 
-/// One round of simplification.
-fn reduce<'a>(
+/// A mesh before its first collapse.
+fn prepared<'a>(
     mesh: &TriangleMesh,
     found: &FeatureEdges,
     original: &'a Extent,
@@ -178,7 +196,7 @@ fn reduce<'a>(
     let is_fixed = (0..mesh.positions.len())
         .map(|vertex| is_kept[vertex] || !live.is_regular(vertex as u32))
         .collect();
-    let mut reduction = Reduction {
+    Reduction {
         quadrics: quadrics(&live, &features, (limits.off / limits.beyond).powi(2)),
         samples: Samples::new(&mesh.positions, &mesh.triangles, step, options.tolerance),
         mesh: live,
@@ -191,17 +209,7 @@ fn reduce<'a>(
         },
         step,
         scratch: Scratch::default(),
-    };
-    let mut left = reduction.mesh.triangles().count();
-    for _ in 0..MAX_PASSES {
-        pass(&mut reduction);
-        let now = reduction.mesh.triangles().count();
-        if now * 100 > left * 99 {
-            break;
-        }
-        left = now;
     }
-    reduction
 }
 
 /// Quadric of each vertex: planes of its triangles weighted by area, and planes perpendicular to the surface through
@@ -236,41 +244,10 @@ fn quadrics(mesh: &LiveMesh, features: &Features, loose: f64) -> Vec<Quadric> {
     quadrics
 }
 
-/// Attempts every edge in order of cost, and again those that change.
-fn pass(reduction: &mut Reduction<'_>) {
-    let count = reduction.mesh.positions.len();
-    // Queue entries with an outdated stamp of either vertex are skipped.
-    let mut stamps = vec![0_u32; count];
-    let mut line = BinaryHeap::new();
-    let mut others = Vec::new();
-    // The bit patterns of non-negative floats are ordered like the numbers.
-    let entry = |reduction: &Reduction<'_>, stamps: &[u32], a: u32, b: u32| {
-        let (a, b) = (a.min(b), a.max(b));
-        let cost = reduction.estimate(a, b).to_bits();
-        Reverse((cost, a, b, stamps[a as usize], stamps[b as usize]))
-    };
-    for vertex in 0..count as u32 {
-        reduction.mesh.neighbors(vertex, &mut others);
-        for &other in others.iter().filter(|other| **other > vertex) {
-            line.push(entry(reduction, &stamps, vertex, other));
-        }
-    }
-    while let Some(Reverse((_, a, b, stamp_a, stamp_b))) = line.pop() {
-        if stamps[a as usize] != stamp_a || stamps[b as usize] != stamp_b {
-            continue;
-        }
-        let Some(collapse) = reduction.judge(a, b) else {
-            continue;
-        };
-        reduction.make(&collapse);
-        for vertex in [a, b] {
-            stamps[vertex as usize] += 1;
-        }
-        reduction.mesh.neighbors(collapse.kept, &mut others);
-        for &other in &others {
-            line.push(entry(reduction, &stamps, collapse.kept, other));
-        }
-    }
+/// What vertices and triangles of a simplified mesh were in the original.
+pub(super) struct Names {
+    pub(super) vertices: Vec<u32>,
+    pub(super) triangles: Vec<u32>,
 }
 
 /// The remaining triangles with the vertices that they use, in the colours of the original, and the feature edges.
@@ -278,9 +255,9 @@ fn finished(
     reduction: &Reduction<'_>,
     mesh: &TriangleMesh,
     original: &RayScene,
-) -> (TriangleMesh, Vec<FeatureEdge>, Vec<u32>) {
+) -> (TriangleMesh, Vec<FeatureEdge>, Names) {
     let live = &reduction.mesh;
-    let mut triangles: Vec<[u32; 3]> = live.triangles().collect();
+    let (names, mut triangles): (Vec<u32>, Vec<[u32; 3]>) = live.numbered_triangles().unzip();
     let mut new_name = vec![u32::MAX; live.positions.len()];
     for corner in triangles.as_flattened() {
         new_name[*corner as usize] = 0;
@@ -322,8 +299,11 @@ fn finished(
         triangles,
         colors,
     };
-    let kept = kept.into_iter().map(|old| old as u32).collect();
-    (compact, features, kept)
+    let names = Names {
+        vertices: kept.into_iter().map(|old| old as u32).collect(),
+        triangles: names,
+    };
+    (compact, features, names)
 }
 
 #[cfg(test)]

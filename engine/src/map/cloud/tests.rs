@@ -194,3 +194,42 @@ fn least_views_follow_from_the_model() {
         [3, 2, 3, 2]
     );
 }
+
+/// The median standard deviation around the points of a cloud.
+fn median_deviation(points: impl Iterator<Item = Point3<f64>>) -> f64 {
+    const TOP: i32 = 3;
+    let mut keyed: Vec<([i64; 3], u64, Point3<f64>)> = points
+        .map(|point| (top_cube(&point, TOP), octree::morton(&point, TOP), point))
+        .collect();
+    keyed.sort_by_key(|(cube, code, _)| (*cube, *code));
+    let mut deviations = Vec::new();
+    for block in keyed.chunk_by(|a, b| a.0 == b.0) {
+        let positions: Vec<Point3<f64>> = block.iter().map(|(.., point)| *point).collect();
+        let codes: Vec<u64> = block.iter().map(|(_, code, _)| *code).collect();
+        let patches = noise::patches(&positions, &codes, f64::from(TOP).exp2());
+        deviations.extend(patches.into_iter().flatten().map(|patch| patch.sigma));
+    }
+    assert!(deviations.len() > 10_000, "{}", deviations.len());
+    deviations.sort_unstable_by(f64::total_cmp);
+    deviations[deviations.len() / 2]
+}
+
+#[test]
+fn the_noise_of_a_city_is_measured_in_spite_of_wrong_points() {
+    for noise in [0.01, 0.02, 0.05] {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path().join("city");
+        let mut options = linecarve_synth::CityOptions::new(60_000, 1);
+        (options.noise, options.wrong) = (noise, 0.1);
+        linecarve_synth::write_city(&options, &at).unwrap();
+        let cloud = linecarve_sequence::DenseCloud::open(&at.join("fused.ply"));
+        let mut points = Vec::new();
+        let visited = cloud.unwrap().unwrap().visit(|point| {
+            points.push(point.point_in_world);
+            Ok::<(), linecarve_sequence::SequenceError>(())
+        });
+        visited.unwrap();
+        let median = median_deviation(points.into_iter());
+        assert!((median / noise - 1.0).abs() < 0.3, "{median} for {noise}");
+    }
+}

@@ -1,28 +1,47 @@
 //! The dense cloud of COLMAP read point by point, for clouds larger than memory.
 
+use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use linecarve_mesh::files::open_regular;
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::super::super::SequenceError;
 use super::super::super::layout::Folder;
+use super::facing::{FacingViews, read_cameras};
 use super::{FoundModel, find_model, fused, read_images_only};
 use crate::sparse_model::{ModelObservation, ModelPoint, ModelView};
 
-/// `fused.ply` with `fused.ply.vis`, of which only the views of the model are in memory.
+/// A cloud of which only the views are in memory: `fused.ply` with `fused.ply.vis`, or any PLY file with normals and a list of cameras.
 ///
-/// Views and points are those of [`Sequence::sparse_model`](crate::Sequence::sparse_model) of the same file.
+/// Views and points of `fused.ply` are those of [`Sequence::sparse_model`](crate::Sequence::sparse_model) of the same file.
 #[derive(Debug)]
 pub struct DenseCloud {
     cloud: PathBuf,
-    visibility: PathBuf,
     views: Vec<ModelView>,
-    /// View of each image, in the order of their ids.
-    view_of_image: Vec<u32>,
     rows: Rows,
+    visibility: Visibility,
 }
+
+/// Where the views of points come from.
+#[derive(Debug)]
+enum Visibility {
+    /// A file with the images of each point.
+    File {
+        path: PathBuf,
+        /// View of each image, in the order of their ids.
+        view_of_image: Vec<u32>,
+    },
+    /// The normals of the points, which are at these places of a row.
+    Normals {
+        places: [Place; 3],
+        facing: FacingViews,
+    },
+}
+
+/// Where in a row a number is, and whether it has 8 bytes.
+type Place = (usize, bool);
 
 /// The vertices of a binary, little-endian PLY file.
 #[derive(Debug, Clone, Copy)]
@@ -30,8 +49,8 @@ struct Rows {
     start: u64,
     count: u64,
     bytes: usize,
-    /// Where in a row each coordinate is, and whether it has 8 bytes.
-    coordinates: [(usize, bool); 3],
+    coordinates: [Place; 3],
+    normals: Option<[Place; 3]>,
     /// Where in a row red, green and blue are; each has one byte.
     colors: Option<[usize; 3]>,
 }
@@ -59,14 +78,43 @@ impl DenseCloud {
         let (mut model, view_of_image) = read_images_only(&path, format)?;
         let new_index = model.sort_images();
         Ok(Some(Self {
-            visibility: fused::visibility(&cloud),
+            visibility: Visibility::File {
+                path: fused::visibility(&cloud),
+                view_of_image: (view_of_image.iter())
+                    .filter_map(|&view| new_index.get(view as usize).copied())
+                    .collect(),
+            },
             cloud,
             views: model.views(),
-            view_of_image: (view_of_image.iter())
-                .filter_map(|&view| new_index.get(view as usize).copied())
-                .collect(),
             rows,
         }))
+    }
+
+    /// Opens a PLY file with normals. A point is seen by the cameras on its normal's side in whose image it lies, at most twice as far
+    /// away as the nearest; whether something hides it is not known. `cameras` is the folder of a model of COLMAP, or a text file with a
+    /// line for each camera: `x y z qx qy qz qw width height fx fy cx cy`, world from camera.
+    ///
+    /// # Errors
+    /// When a file cannot be read, or the cloud is no binary, little-endian PLY file with normals.
+    pub fn with_cameras(cloud: &Path, cameras: &Path) -> Result<Self, SequenceError> {
+        let rows = Rows::read(cloud).map_err(io(cloud))?;
+        let normals = rows.and_then(|rows| Some((rows, rows.normals?)));
+        let Some((rows, places)) = normals else {
+            return Err(SequenceError::Content {
+                path: cloud.to_owned(),
+                problem: "is no PLY file of points with normals (x, y, z, nx, ny, nz), binary and little-endian: estimate normals, and \
+                          save it so"
+                    .to_owned(),
+            });
+        };
+        let views = read_cameras(cameras)?;
+        let facing = FacingViews::new(&views, cameras)?;
+        Ok(Self {
+            cloud: cloud.to_owned(),
+            views,
+            rows,
+            visibility: Visibility::Normals { places, facing },
+        })
     }
 
     /// The number of points, those that are not finite included.
@@ -92,24 +140,25 @@ impl DenseCloud {
         &self,
         mut take: impl FnMut(ModelPoint) -> Result<(), E>,
     ) -> Result<(), E> {
-        let (mut rows, mut seen, mut at) = self.open_files()?;
+        let mut rows = open_regular(&self.cloud).map_err(io(&self.cloud))?;
+        let start = SeekFrom::Start(self.rows.start);
+        rows.seek(start).map_err(io(&self.cloud))?;
+        let mut rows = BufReader::with_capacity(1 << 20, rows);
+        let mut file = match &self.visibility {
+            Visibility::File { path, .. } => Some(VisibilityFile::open(path, self)?),
+            Visibility::Normals { .. } => None,
+        };
         let mut row = vec![0; self.rows.bytes];
         for _ in 0..self.rows.count {
             rows.read_exact(&mut row).map_err(io(&self.cloud))?;
-            let point_in_world = Point3::from(self.rows.position(&row));
-            let count = self.u32(&mut seen, &mut at)?;
-            let mut observations = Vec::with_capacity(count.min(1 << 10) as usize);
-            for _ in 0..count {
-                let image = self.u32(&mut seen, &mut at)?;
-                let Some(&view) = self.view_of_image.get(image as usize) else {
-                    let views = self.view_of_image.len();
-                    let problem = format!(
-                        "names image {image}, and the model has {views}: give the model that was fused"
-                    );
-                    return Err(self.visibility_error(at, problem).into());
-                };
-                observations.push(ModelObservation { view, pixel: None });
-            }
+            let point_in_world = Point3::from(numbers(&row, &self.rows.coordinates));
+            let mut observations = match (&self.visibility, &mut file) {
+                (Visibility::File { view_of_image, .. }, Some(file)) => file.next(view_of_image)?,
+                (Visibility::Normals { places, facing }, _) => {
+                    facing.of(&point_in_world, &Vector3::from(numbers(&row, places)))
+                }
+                (Visibility::File { .. }, None) => Vec::new(),
+            };
             observations.sort_unstable_by_key(|observation| observation.view);
             observations.dedup_by_key(|observation| observation.view);
             if point_in_world.iter().all(|x| x.is_finite()) {
@@ -122,48 +171,68 @@ impl DenseCloud {
         }
         Ok(())
     }
+}
 
-    /// Both files at their first point.
-    fn open_files(&self) -> Result<(impl Read, impl Read, u64), SequenceError> {
-        let open = |path: &Path| open_regular(path).map_err(io(path));
-        let mut rows = open(&self.cloud)?;
-        let error = io(&self.cloud);
-        (rows.seek(SeekFrom::Start(self.rows.start))).map_err(error)?;
-        let seen = open(&self.visibility)?;
-        let mut seen = BufReader::with_capacity(1 << 20, seen);
+/// A file with the images of each point, read from its start.
+struct VisibilityFile<'a> {
+    path: &'a Path,
+    reader: BufReader<File>,
+    at: u64,
+}
+
+impl<'a> VisibilityFile<'a> {
+    fn open(path: &'a Path, cloud: &DenseCloud) -> Result<Self, SequenceError> {
+        let file = open_regular(path).map_err(io(path))?;
+        let mut reader = BufReader::with_capacity(1 << 20, file);
         let mut count = [0; 8];
-        seen.read_exact(&mut count).map_err(io(&self.visibility))?;
+        reader.read_exact(&mut count).map_err(io(path))?;
         let count = u64::from_le_bytes(count);
-        if count != self.rows.count {
+        if count != cloud.rows.count {
             let problem = format!(
                 "has {} points, {} has {count}: fuse both again",
-                self.rows.count,
-                self.visibility.display()
+                cloud.rows.count,
+                path.display()
             );
-            let path = self.cloud.clone();
+            let path = cloud.cloud.clone();
             return Err(SequenceError::Content { path, problem });
         }
-        Ok((BufReader::with_capacity(1 << 20, rows), seen, 8))
+        let at = 8;
+        Ok(Self { path, reader, at })
     }
 
-    fn u32(&self, seen: &mut impl Read, at: &mut u64) -> Result<u32, SequenceError> {
+    /// The views of the next point.
+    fn next(&mut self, view_of_image: &[u32]) -> Result<Vec<ModelObservation>, SequenceError> {
+        let count = self.u32()?;
+        let mut observations = Vec::with_capacity(count.min(1 << 10) as usize);
+        for _ in 0..count {
+            let image = self.u32()?;
+            let Some(&view) = view_of_image.get(image as usize) else {
+                let views = view_of_image.len();
+                return Err(self.error(format!(
+                    "names image {image}, and the model has {views}: give the model that was fused"
+                )));
+            };
+            observations.push(ModelObservation { view, pixel: None });
+        }
+        Ok(observations)
+    }
+
+    fn u32(&mut self) -> Result<u32, SequenceError> {
         let mut bytes = [0; 4];
-        seen.read_exact(&mut bytes)
-            .map_err(|error| match error.kind() {
-                std::io::ErrorKind::UnexpectedEof => self.visibility_error(
-                    *at,
-                    "the file ends too early (truncated?): copy it again".to_owned(),
-                ),
-                _ => io(&self.visibility)(error),
-            })?;
-        *at += 4;
+        (self.reader.read_exact(&mut bytes)).map_err(|error| match error.kind() {
+            std::io::ErrorKind::UnexpectedEof => {
+                self.error("the file ends too early (truncated?): copy it again".to_owned())
+            }
+            _ => io(self.path)(error),
+        })?;
+        self.at += 4;
         Ok(u32::from_le_bytes(bytes))
     }
 
-    fn visibility_error(&self, offset: u64, problem: String) -> SequenceError {
+    fn error(&self, problem: String) -> SequenceError {
         SequenceError::Byte {
-            path: self.visibility.clone(),
-            offset,
+            path: self.path.to_owned(),
+            offset: self.at,
             problem,
         }
     }
@@ -221,9 +290,10 @@ impl Rows {
             count: 0,
             bytes: 0,
             coordinates: [(0, false); 3],
+            normals: None,
             colors: None,
         };
-        let mut found = [false; 3];
+        let mut found: [Option<Place>; 6] = [None; 6];
         let mut colors = [None; 3];
         for words in words {
             match words[..] {
@@ -242,12 +312,13 @@ impl Rows {
                         "double" | "float64" => 8,
                         _ => return None,
                     };
-                    if let Some(k) = ["x", "y", "z"].iter().position(|axis| *axis == name) {
-                        if !matches!(kind, "float" | "float32" | "double" | "float64") {
+                    let mut axes = ["x", "y", "z", "nx", "ny", "nz"].iter();
+                    if let Some(k) = axes.position(|axis| *axis == name) {
+                        let is_float = matches!(kind, "float" | "float32" | "double" | "float64");
+                        if !is_float && k < 3 {
                             return None;
                         }
-                        rows.coordinates[k] = (rows.bytes, size == 8);
-                        found[k] = true;
+                        found[k] = is_float.then_some((rows.bytes, size == 8));
                     }
                     let mut channels = ["red", "green", "blue"].iter();
                     if let Some(k) = channels.position(|channel| *channel == name) {
@@ -262,19 +333,25 @@ impl Rows {
         if let [Some(red), Some(green), Some(blue)] = colors {
             rows.colors = Some([red, green, blue]);
         }
-        found.iter().all(|found| *found).then_some(rows)
+        let [x, y, z, nx, ny, nz] = found;
+        rows.coordinates = [x?, y?, z?];
+        if let [Some(nx), Some(ny), Some(nz)] = [nx, ny, nz] {
+            rows.normals = Some([nx, ny, nz]);
+        }
+        Some(rows)
     }
+}
 
-    fn position(&self, row: &[u8]) -> [f64; 3] {
-        self.coordinates.map(|(at, is_double)| {
-            if is_double {
-                let mut bytes = [0; 8];
-                bytes.copy_from_slice(&row[at..at + 8]);
-                return f64::from_le_bytes(bytes);
-            }
-            let mut bytes = [0; 4];
-            bytes.copy_from_slice(&row[at..at + 4]);
-            f64::from(f32::from_le_bytes(bytes))
-        })
-    }
+/// The numbers at these places of a row.
+fn numbers(row: &[u8], places: &[Place; 3]) -> [f64; 3] {
+    places.map(|(at, is_double)| {
+        if is_double {
+            let mut bytes = [0; 8];
+            bytes.copy_from_slice(&row[at..at + 8]);
+            return f64::from_le_bytes(bytes);
+        }
+        let mut bytes = [0; 4];
+        bytes.copy_from_slice(&row[at..at + 4]);
+        f64::from(f32::from_le_bytes(bytes))
+    })
 }

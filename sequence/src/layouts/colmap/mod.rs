@@ -13,6 +13,7 @@ mod builder;
 mod camera;
 mod dense_cloud;
 mod depth_maps;
+mod facing;
 mod fused;
 mod numbered;
 mod text;
