@@ -121,7 +121,7 @@ impl Sink for Seen {
         update: &mut KeyframeUpdate,
     ) -> Result<(), SinkError> {
         self.unmeasurable_depths += update.keyframe.unmeasurable_depths();
-        self.newest = NewestKeyframe::new(update.number, &update.keyframe);
+        self.newest = NewestKeyframe::new(update.number, &update.keyframe, update.times);
         Ok(())
     }
 

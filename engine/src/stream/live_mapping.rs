@@ -63,11 +63,8 @@ impl LiveMapping {
         let taken = self.mapper.take(number, arrival, false)?;
         match (taken, index, provisional) {
             (Taken::Skipped(source), ..) => Err(failed(source)),
-            (Taken::Keyframe(mut update), Some(index), _) => {
-                if let Keyframe::Lines(lines) = &mut update.keyframe {
-                    lines.times = update.times;
-                }
-                keyframes.set_final(index, update.keyframe);
+            (Taken::Keyframe(update), Some(index), _) => {
+                keyframes.set_final(index, update.keyframe, update.times);
                 Ok(())
             }
             (Taken::Provisional, Some(index), Some(mut keyframe)) => {

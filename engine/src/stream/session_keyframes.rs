@@ -9,6 +9,7 @@ use super::session_map::NewestKeyframe;
 use crate::front_end::Keyframe;
 use crate::map::Map;
 use crate::mapper::Mapper;
+use crate::run::StageTimes;
 
 /// A keyframe of the session.
 pub(super) struct SessionKeyframe {
@@ -17,6 +18,8 @@ pub(super) struct SessionKeyframe {
     pub(super) frame: usize,
     /// `None` while it waits for neighbours.
     pub(super) estimate: Option<Estimate>,
+    /// Processor times so far.
+    times: StageTimes,
     /// Whether it was corrected by so little that the map has it where it was.
     is_pending: bool,
 }
@@ -80,6 +83,7 @@ impl SessionKeyframes {
             id,
             frame,
             estimate: None,
+            times: StageTimes::default(),
             is_pending: false,
         });
     }
@@ -116,13 +120,17 @@ impl SessionKeyframes {
 
     /// Notes that the map has the keyframe at this index, with the depth that is still refined.
     pub(super) fn set_provisional(&mut self, index: usize, keyframe: Keyframe) {
-        self.list[index].estimate = Some(Estimate::Provisional(keyframe));
+        let found = &mut self.list[index];
+        found.times = keyframe.times();
+        found.estimate = Some(Estimate::Provisional(keyframe));
     }
 
-    /// Notes that the map has the keyframe at this index, with its final depth.
-    pub(super) fn set_final(&mut self, index: usize, keyframe: Keyframe) {
+    /// Notes that the map has the keyframe at this index, with its final depth, and how long that took.
+    pub(super) fn set_final(&mut self, index: usize, keyframe: Keyframe, times: StageTimes) {
         let place = self.places;
-        self.list[index].estimate = Some(Estimate::Final { keyframe, place });
+        let found = &mut self.list[index];
+        found.times = times;
+        found.estimate = Some(Estimate::Final { keyframe, place });
         self.places += 1;
     }
 
@@ -130,7 +138,8 @@ impl SessionKeyframes {
     pub(super) fn newest(&self) -> Option<NewestKeyframe> {
         let mut keyframes = self.list.iter().enumerate().rev();
         keyframes.find_map(|(index, keyframe)| {
-            NewestKeyframe::new(index, keyframe.estimate.as_ref()?.keyframe())
+            let found = keyframe.estimate.as_ref()?.keyframe();
+            NewestKeyframe::new(index, found, keyframe.times)
         })
     }
 

@@ -27,14 +27,14 @@ pub struct NewestKeyframe {
 }
 
 impl NewestKeyframe {
-    /// Of a keyframe at this place.
-    pub(super) fn new(keyframe: usize, found: &Keyframe) -> Option<Self> {
+    /// Of a keyframe at this place, which took this time.
+    pub(super) fn new(keyframe: usize, found: &Keyframe, times: StageTimes) -> Option<Self> {
         let lines = found.lines()?;
         Some(Self {
             keyframe,
             frame: lines.frame,
             ends_px: lines.ends_px(),
-            times: lines.times,
+            times,
         })
     }
 }
