@@ -26,6 +26,14 @@ pub struct SemiDenseSource {
 }
 
 impl DepthSource {
+    /// Depth from images alone, of scenes with this median depth.
+    pub(crate) fn semi_dense(options: &Options, median_depth: f64) -> Self {
+        Self::SemiDense(Box::new(SemiDenseSource {
+            options: options.semi_dense,
+            median_depth,
+        }))
+    }
+
     /// The depth of `frames`, from their images alone if `is_semi_dense`, and the median scene depth: `given`, or measured in these frames.
     /// `None` when it cannot be measured, or there are no depth images.
     ///
@@ -41,17 +49,14 @@ impl DepthSource {
         given: Option<f64>,
         options: &Options,
     ) -> Result<Option<(Self, f64)>, ScaleError> {
-        let stage = options.semi_dense;
+        let matching = &options.semi_dense.matching;
         let median_depth = match given {
             Some(depth) => Some(depth),
-            None if is_semi_dense => median_depth_from_images(sequence, frames, &stage.matching)?,
+            None if is_semi_dense => median_depth_from_images(sequence, frames, matching)?,
             None => median_scene_depth(sequence, frames)?,
         };
         let source = |median_depth| match is_semi_dense {
-            true => Some(Self::SemiDense(Box::new(SemiDenseSource {
-                options: stage,
-                median_depth,
-            }))),
+            true => Some(Self::semi_dense(options, median_depth)),
             false => {
                 let calibration = sequence.depth_calibration()?;
                 let noise = options.sensor.relative_noise;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Input, Recording, RecordingError, Source};
 use crate::configuration::Configuration;
-use crate::front_end::{DepthSource, SemiDenseSource};
+use crate::front_end::DepthSource;
 
 /// A recording of a sequence without its images: keyframes, length scale, origin, and what the images corrected.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -152,15 +152,8 @@ impl PreparedRecording {
         }
         let mut recording = Recording::new(sequence, options, self.source);
         recording.keyframes = self.keyframes.clone();
-        recording.depth = self
-            .median_depth
-            .filter(|_| self.is_semi_dense)
-            .map(|depth| {
-                DepthSource::SemiDense(Box::new(SemiDenseSource {
-                    options: recording.options.semi_dense,
-                    median_depth: depth,
-                }))
-            });
+        let depth = self.median_depth.filter(|_| self.is_semi_dense);
+        recording.depth = depth.map(|depth| DepthSource::semi_dense(&recording.options, depth));
         recording.median_depth = self.median_depth;
         recording.origin = Vector3::from(self.origin);
         Ok(recording)
