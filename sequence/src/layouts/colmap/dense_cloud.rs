@@ -144,20 +144,22 @@ impl DenseCloud {
         let start = SeekFrom::Start(self.rows.start);
         rows.seek(start).map_err(io(&self.cloud))?;
         let mut rows = BufReader::with_capacity(1 << 20, rows);
-        let mut file = match &self.visibility {
-            Visibility::File { path, .. } => Some(VisibilityFile::open(path, self)?),
-            Visibility::Normals { .. } => None,
+        let mut views = match &self.visibility {
+            Visibility::File {
+                path,
+                view_of_image,
+            } => ViewReader::File(VisibilityFile::open(path, view_of_image, self)?),
+            Visibility::Normals { places, facing } => ViewReader::Normals(places, facing),
         };
         let mut row = vec![0; self.rows.bytes];
         for _ in 0..self.rows.count {
             rows.read_exact(&mut row).map_err(io(&self.cloud))?;
             let point_in_world = Point3::from(numbers(&row, &self.rows.coordinates));
-            let mut observations = match (&self.visibility, &mut file) {
-                (Visibility::File { view_of_image, .. }, Some(file)) => file.next(view_of_image)?,
-                (Visibility::Normals { places, facing }, _) => {
+            let mut observations = match &mut views {
+                ViewReader::File(file) => file.next()?,
+                ViewReader::Normals(places, facing) => {
                     facing.of(&point_in_world, &Vector3::from(numbers(&row, places)))
                 }
-                (Visibility::File { .. }, None) => Vec::new(),
             };
             observations.sort_unstable_by_key(|observation| observation.view);
             observations.dedup_by_key(|observation| observation.view);
@@ -173,15 +175,26 @@ impl DenseCloud {
     }
 }
 
+/// Has the views of one point after the other.
+enum ViewReader<'a> {
+    File(VisibilityFile<'a>),
+    Normals(&'a [Place; 3], &'a FacingViews),
+}
+
 /// A file with the images of each point, read from its start.
 struct VisibilityFile<'a> {
     path: &'a Path,
+    view_of_image: &'a [u32],
     reader: BufReader<File>,
     at: u64,
 }
 
 impl<'a> VisibilityFile<'a> {
-    fn open(path: &'a Path, cloud: &DenseCloud) -> Result<Self, SequenceError> {
+    fn open(
+        path: &'a Path,
+        view_of_image: &'a [u32],
+        cloud: &DenseCloud,
+    ) -> Result<Self, SequenceError> {
         let file = open_regular(path).map_err(io(path))?;
         let mut reader = BufReader::with_capacity(1 << 20, file);
         let mut count = [0; 8];
@@ -196,18 +209,22 @@ impl<'a> VisibilityFile<'a> {
             let path = cloud.cloud.clone();
             return Err(SequenceError::Content { path, problem });
         }
-        let at = 8;
-        Ok(Self { path, reader, at })
+        Ok(Self {
+            path,
+            view_of_image,
+            reader,
+            at: 8,
+        })
     }
 
     /// The views of the next point.
-    fn next(&mut self, view_of_image: &[u32]) -> Result<Vec<ModelObservation>, SequenceError> {
+    fn next(&mut self) -> Result<Vec<ModelObservation>, SequenceError> {
         let count = self.u32()?;
         let mut observations = Vec::with_capacity(count.min(1 << 10) as usize);
         for _ in 0..count {
             let image = self.u32()?;
-            let Some(&view) = view_of_image.get(image as usize) else {
-                let views = view_of_image.len();
+            let Some(&view) = self.view_of_image.get(image as usize) else {
+                let views = self.view_of_image.len();
                 return Err(self.error(format!(
                     "names image {image}, and the model has {views}: give the model that was fused"
                 )));
