@@ -1,14 +1,22 @@
 //! `linecarve mesh`: dense clouds and sparse models in one command.
 
+use std::path::{Path, PathBuf};
+
 use crate::program::{colmap_relief, expect_status, text};
+
+/// A small city, as a workspace of COLMAP.
+fn city_in(folder: &Path) -> PathBuf {
+    let city = folder.join("city");
+    let synth = ["synth", "city", "--points", "3000", "-q", "--out"];
+    expect_status(0, synth.into_iter().chain([text(&city)]));
+    city
+}
 
 #[test]
 fn a_workspace_gives_the_mesh_of_its_cloud() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    let city = path("city");
-    let synth = ["synth", "city", "--points", "3000", "-q", "--out"];
-    expect_status(0, synth.into_iter().chain([text(&city)]));
+    let city = city_in(folder.path());
     let mesh = path("mesh.ply");
     let output = expect_status(
         0,
@@ -62,9 +70,7 @@ fn a_sparse_model_gives_a_mesh_and_other_names_are_refused() {
 fn points_with_normals_need_cameras() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    let city = path("city");
-    let synth = ["synth", "city", "--points", "3000", "-q", "--out"];
-    expect_status(0, synth.into_iter().chain([text(&city)]));
+    let city = city_in(folder.path());
     let cloud = path("cloud.ply");
     std::fs::rename(city.join("fused.ply"), &cloud).unwrap();
     let (mesh, sparse) = (path("mesh.ply"), city.join("sparse"));
