@@ -169,7 +169,7 @@ pub(crate) fn match_descriptors(
 }
 
 /// The position of the nearest descriptor, the first of equals, and the distances of the nearest two; `u32::MAX` where there are none.
-/// Most of the time of a first map passes here, so processors that count bits in one instruction do so.
+/// A first map spends most of its time here, so it uses the instruction that counts bits where the processor has it.
 #[multiversion(targets("x86_64+popcnt"))]
 fn nearest(descriptor: &Descriptor, candidates: &[Descriptor]) -> (usize, [u32; 2]) {
     let (mut at, mut best, mut rival) = (0, u32::MAX, u32::MAX);

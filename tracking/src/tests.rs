@@ -157,7 +157,7 @@ fn two_frames_and_none_are_enough_to_end_well() {
     assert!((x - STEP_M).abs() < 0.005, "{x}");
 }
 
-/// Few features, so that a test takes seconds: the first map takes time with their square.
+/// Few features, so that a test takes seconds: the time of the first map grows with their square.
 fn one_camera() -> TrackingOptions {
     TrackingOptions {
         features: 500,

@@ -69,7 +69,7 @@ pub(super) struct Compared<'a> {
 pub(super) struct Scope {
     /// For each triangle of the original, whether its samples are compared with the simplified mesh.
     forward: Vec<bool>,
-    /// For each triangle of the original, whether it is compared with the original if it remains.
+    /// For each triangle of the original, whether what remains of it is compared with the original.
     backward: Vec<bool>,
     pub(super) is_whole: bool,
 }
