@@ -3,13 +3,12 @@
 use std::path::Path;
 
 use linecarve_mesh::TriangleMesh;
-use linecarve_mesh::files::remove_unfinished;
 use linecarve_tiles::{Item, Manifest, Stage, TilesError, Work, run_item, run_pending};
 
 use super::ProjectError;
 use super::sequence::SequencePlan;
 use super::task::{Task, TaskStage};
-use crate::run::{CHECKPOINT_FOLDER, peak_mb};
+use crate::run::peak_mb;
 
 /// An opened folder.
 pub struct Project {
@@ -178,11 +177,8 @@ pub fn carry_out_all<E: From<ProjectError> + From<TilesError> + Send>(
 ) -> Result<(Project, usize), E> {
     let mut project = Project::open(folder)?;
     let mut carried_out = 0;
-    if project.sequence.is_some() {
-        for name in [CHECKPOINT_FOLDER, "keyframes", "intake"] {
-            // A folder that no task has made yet holds none, and a file that stays does no harm.
-            let _ = remove_unfinished(&folder.join(name));
-        }
+    if let Some(sequence) = &project.sequence {
+        sequence.remove_unfinished();
         for stage in [TaskStage::Keyframes, TaskStage::Intake] {
             let mut pending = Vec::new();
             for task in project.tasks(stage) {

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use linecarve_mesh::TriangleMesh;
-use linecarve_mesh::files::write_atomically;
+use linecarve_mesh::files::{remove_unfinished, write_atomically};
 use linecarve_tiles::{Manifest, PlanOptions, TilesError, Work};
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +21,7 @@ use crate::front_end::Arrival;
 use crate::options::{LabelKind, Options};
 use crate::reconstruction::{Reconstruction, RunOptions, front_end};
 use crate::recording::{Input, PreparedRecording, Recording};
-use crate::run::{CancelToken, Checkpoint, CheckpointError, checksum, peak_mb};
+use crate::run::{CHECKPOINT_FOLDER, CancelToken, Checkpoint, CheckpointError, checksum, peak_mb};
 
 /// Keyframes of one task of the front end.
 pub const KEYFRAMES_OF_TASK: usize = 64;
@@ -314,6 +314,14 @@ impl SequencePlan {
         let bytes = std::fs::read(self.manifest_path(stage, task)).ok()?;
         let manifest: Manifest = serde_json::from_slice(&bytes).ok()?;
         (manifest.plan == self.digest).then_some(manifest)
+    }
+
+    /// Removes what interrupted tasks of the front end and the intake left behind. No other process may be writing.
+    pub(crate) fn remove_unfinished(&self) {
+        for name in [CHECKPOINT_FOLDER, "keyframes", "intake"] {
+            // A folder that no task has made yet holds none, and a file that stays does no harm.
+            let _ = remove_unfinished(&self.folder.join(name));
+        }
     }
 
     /// The manifest of a task of the front end that is done.
