@@ -21,7 +21,8 @@ use super::pose_convention::{Extrinsics, PoseCamera, PoseConvention};
 use super::sidecar::SIDECAR_FILE;
 use super::stereo::StereoPair;
 use super::undistortion::{Undistortion, pinhole_of};
-use super::{DepthCalibration, Frame, Sequence, SequenceError};
+use super::unread;
+use super::{DepthCalibration, DepthValues, Frame, Sequence, SequenceError};
 
 /// Builds the sequence from a recording with final calibration; checks that calibration and images fit.
 pub(super) fn assemble(
@@ -50,8 +51,9 @@ pub(super) fn assemble(
         return Err(SequenceError::Content {
             path: folder.to_owned(),
             problem: format!(
-                "no file gives the camera intrinsics: write [color] fx, fy, cx, cy to {SIDECAR_FILE} in this folder, or \
-                 give --calibration FILE"
+                "no file gives the camera intrinsics{}: write [color] fx, fy, cx, cy to {SIDECAR_FILE} in this folder, or \
+                 give --calibration FILE",
+                unread::calibrations(folder)
             ),
         });
     };
@@ -258,6 +260,7 @@ fn depth_calibration(
         let registered = DepthCalibration {
             camera: color_camera.clone(),
             scale: calibration.depth_scale,
+            values: calibration.depth_values,
             is_float: false,
             color_from_depth: Isometry3::identity(),
             registered: true,
@@ -270,6 +273,7 @@ fn depth_calibration(
     let depth = DepthCalibration {
         camera: pinhole_of(stored, map.as_ref()),
         scale: calibration.depth_scale,
+        values: calibration.depth_values,
         is_float: false,
         color_from_depth: geometry.color_from_depth,
         registered: false,
@@ -298,8 +302,12 @@ fn describe_depth(
     } else {
         "0 and 65535"
     };
+    let measured = match depth.values {
+        DepthValues::Depth => String::new(),
+        other => format!(" of {}", other.words()),
+    };
     format!(
-        "depth: {values}, {} per pose unit, {unknown} unknown, {camera}",
+        "depth: {values}{measured}, {} per pose unit, {unknown} unknown, {camera}",
         depth.scale
     )
 }

@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point3};
 
 use super::Warning;
 use super::container::file_of;
+use super::depth_values::DepthValues;
 use super::pose_convention::PoseConvention;
 
 /// Width and height of an image in pixels.
@@ -191,6 +192,8 @@ pub(super) struct Calibration {
     pub(super) depth_scale: f64,
     /// Floating-point depths per pose unit.
     pub(super) float_depth_scale: f64,
+    /// What the values of depth images measure.
+    pub(super) depth_values: DepthValues,
     /// Folder with the standard deviation of each depth.
     pub(super) sigma: Option<PathBuf>,
     /// Images with the confidence of each depth.
@@ -212,6 +215,7 @@ impl Calibration {
             right: None,
             depth_scale: 1000.0,
             float_depth_scale: 1.0,
+            depth_values: DepthValues::Depth,
             sigma: None,
             confidence: None,
             body_from_color: None,

@@ -55,7 +55,7 @@ const BAG: &str = "extract its images, depth images and poses to files (images/,
 
 /// All kinds; the first that fits is taken.
 #[rustfmt::skip]
-pub(super) static KINDS: [ForeignKind; 24] = [
+pub(super) static KINDS: [ForeignKind; 25] = [
     ForeignKind { what: "a WebM video", remedy: TO_MP4, is_one: |f| f.starts(&[0x1A, 0x45, 0xDF, 0xA3]) && f.holds("webm") },
     ForeignKind { what: "a Matroska video", remedy: TO_MP4, is_one: |f| f.starts(&[0x1A, 0x45, 0xDF, 0xA3]) },
     ForeignKind { what: "an AVI video", remedy: TO_MP4, is_one: |f| f.starts(b"RIFF") && f.at(8, b"AVI ") },
@@ -69,6 +69,7 @@ pub(super) static KINDS: [ForeignKind; 24] = [
     ForeignKind { what: "an animated GIF", remedy: TO_MP4, is_one: |f| f.starts(b"GIF8") },
     ForeignKind { what: "a bag of ROS 1", remedy: BAG, is_one: |f| f.starts(b"#ROSBAG") },
     ForeignKind { what: "an MCAP recording, as of ROS 2", remedy: BAG, is_one: |f| f.starts(b"\x89MCAP") },
+    ForeignKind { what: "a log of Kintinuous or ElasticFusion", remedy: BAG, is_one: |f| f.ends(&[".klg"]) },
     ForeignKind { what: "a database of ROS 2", remedy: BAG, is_one: |f| f.starts(b"SQLite format 3") && f.ends(&[".db3"]) },
     ForeignKind { what: "an SQLite database", remedy: "of COLMAP: run its mapper, and give the folder with images/ and sparse/; of RTAB-Map: \
         export poses (rtabmap-export --poses --images {path}), and give that folder", is_one: |f| f.starts(b"SQLite format 3") },
@@ -156,6 +157,7 @@ mod tests {
             ("a.gif", b"GIF89a".to_vec()),
             ("a.bag", b"#ROSBAG V2.0\n".to_vec()),
             ("a.mcap", b"\x89MCAP0\r\n".to_vec()),
+            ("a.klg", vec![3, 0, 0, 0, 0]),
             ("a.db3", b"SQLite format 3\0".to_vec()),
             ("database.db", b"SQLite format 3\0".to_vec()),
             (

@@ -8,6 +8,7 @@ mod color_sizes;
 mod confidence;
 mod container;
 mod depth_image;
+mod depth_values;
 mod downsampling;
 mod error;
 pub mod export;
@@ -40,6 +41,7 @@ mod yaml;
 
 pub use calibration::ImageSize;
 pub use confidence::{ClassNoise, DepthClasses};
+pub use depth_values::DepthValues;
 pub use error::{FrameError, SequenceError};
 pub use inspect::{
     CameraFacts, DepthConsistency, DepthFacts, DepthHypothesis, EpipolarFacts, EpipolarHypothesis,

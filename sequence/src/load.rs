@@ -159,6 +159,9 @@ impl Sequence {
         let classes = self.leave_out_uncertain(path, &mut depth)?;
         let unmeasurable = remove_unmeasurable(depth.samples_mut());
         let mut depth = self.undistorted_depth(index, path, calibration, depth)?;
+        calibration
+            .values
+            .make_depth(&mut depth, &calibration.camera);
         if let Some(correction) = self.depth_corrections.get(&index) {
             correction.apply(depth.samples_mut());
         }
@@ -202,6 +205,9 @@ impl Sequence {
             .map(|classes| self.undistorted_classes(index, path, calibration, &classes))
             .transpose()?;
         let mut depth = self.undistorted_depth(index, path, calibration, depth)?;
+        calibration
+            .values
+            .make_depth(&mut depth, &calibration.camera);
         if let Some(correction) = self.depth_corrections.get(&index) {
             correction.apply(depth.samples_mut());
         }
@@ -287,7 +293,7 @@ impl Sequence {
         files
     }
 
-    /// Reads depths, or standard deviations of them, in pose units.
+    /// Reads the values of a depth image, or standard deviations of depth, in pose units.
     fn depth_values(
         &self,
         path: &Path,

@@ -9,7 +9,7 @@ use super::layout::{Folder, PoseSource, Recording};
 use super::layouts::colmap;
 use super::pose_convention::PoseCamera;
 use super::poses::{self, PoseFileFormat};
-use super::recognise::{input_folder, recognise};
+use super::recognise::{check_no_sequence_inside, input_folder, recognise};
 use super::sidecar::{SIDECAR_FILE, Sidecar};
 use super::unread::{self, GivenRoles};
 use super::{Sequence, SequenceError};
@@ -95,6 +95,9 @@ impl Sequence {
             None => options.layout.as_deref(),
         };
         let (layout, others) = recognise(&folder, forced, source)?;
+        if source == PoseSource::External && options.poses.is_none() && forced.is_none() {
+            check_no_sequence_inside(&folder)?;
+        }
         folder.forget_claims();
         let mut recording = layout.read(&folder, source)?;
         if !others.is_empty() {

@@ -5,8 +5,8 @@ use std::path::Path;
 use super::layout::{Folder, Layout, PoseSource};
 use super::layouts::orb_slam::{ImagesAndPoses, OrbSlam};
 use super::layouts::{
-    arkit_scenes::ArkitScenes, depth_anything::DepthAnything, mvsnet::MvsNet, polycam::Polycam,
-    record3d::Record3d,
+    arkit_scenes::ArkitScenes, depth_anything::DepthAnything, images, mvsnet::MvsNet,
+    polycam::Polycam, record3d::Record3d,
 };
 use super::layouts::{colmap::Colmap, euroc::Euroc, kitti::Kitti, nvm::Nvm, openmvs::OpenMvs};
 use super::layouts::{open3d_log::Open3dLog, seven_scenes::SevenScenes, tum::TumRgbd};
@@ -122,6 +122,25 @@ fn poses_refused(folder: &Folder, layout: &dyn Layout) -> SequenceError {
             "is a {} model, whose poses belong to its points and cameras: omit --poses, or give a folder of images",
             layout.name()
         ),
+    }
+}
+
+/// Refuses a folder without poses whose images lie in a sequence with poses one folder down.
+pub(super) fn check_no_sequence_inside(folder: &Folder) -> Result<(), SequenceError> {
+    let inside = images::color_folder(folder).filter(|path| path.as_path() != folder.path());
+    let Some(inside) = inside.and_then(|path| Folder::list(path.as_path()).ok()) else {
+        return Ok(());
+    };
+    match layout_of(&inside) {
+        None => Ok(()),
+        Some(layout) => Err(SequenceError::Content {
+            path: folder.path().to_owned(),
+            problem: format!(
+                "has no poses, but {} is a sequence with poses ({}): give that folder",
+                inside.path().display(),
+                layout.name()
+            ),
+        }),
     }
 }
 

@@ -11,6 +11,7 @@ use nalgebra::Isometry3;
 use super::calibration::{ConfidenceImages, ImageSize};
 use super::confidence::ConfidenceNoise;
 use super::container::Containers;
+use super::depth_values::DepthValues;
 use super::downsampling::Downsampling;
 use super::pose_convention::{Extrinsics, PoseConvention, QuaternionOrder};
 use super::sparse_model::SparseModel;
@@ -42,8 +43,10 @@ pub struct DepthCalibration {
     /// Pinhole camera of the depth images that [`Sequence::load_depth`] returns; equals the colour camera if depth is
     /// registered.
     pub camera: Camera,
-    /// Raw depth units per pose unit (1000 for millimetres with poses in metres).
+    /// Raw value of one pose unit (1000 for millimetres with poses in metres).
     pub scale: f64,
+    /// What raw values measure; images that are loaded have depth.
+    pub values: DepthValues,
     /// Whether raw depths are floating-point values, which are not rounded; otherwise integers.
     pub is_float: bool,
     /// `point_in_color = color_from_depth * point_in_depth`; identity when registered.
@@ -56,7 +59,11 @@ impl DepthCalibration {
     /// The depth sensor: this camera with a standard deviation of `relative_noise * median_depth` at the median scene
     /// depth, in pose units.
     pub fn sensor(&self, relative_noise: f64, median_depth: f64) -> DepthSensor {
-        let step = if self.is_float { 0.0 } else { 1.0 / self.scale };
+        let step = match (self.is_float, self.values) {
+            (true, _) => 0.0,
+            (false, DepthValues::Depth | DepthValues::Distance) => 1.0 / self.scale,
+            (false, DepthValues::InverseDepth) => median_depth * median_depth / self.scale,
+        };
         DepthSensor {
             camera: self.camera.clone(),
             color_from_depth: self.color_from_depth,

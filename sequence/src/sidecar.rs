@@ -14,7 +14,7 @@ use self::depth::{DepthSection, DepthView};
 use self::right::RightSection;
 use super::calibration::{CalibratedCamera, Calibration, DepthGeometry, RightCamera};
 use super::pose_convention::{CameraAxes, PoseCamera, PoseDirection, QuaternionOrder};
-use super::{SequenceError, rigid};
+use super::{DepthValues, SequenceError, rigid};
 
 /// Name of the sidecar file in the folder of a sequence.
 pub const SIDECAR_FILE: &str = "linecarve.toml";
@@ -25,6 +25,7 @@ pub(super) struct Sidecar {
     pub(super) color: Option<CalibratedCamera>,
     pub(super) depth: Option<DepthGeometry>,
     pub(super) depth_scale: Option<f64>,
+    depth_values: Option<DepthValues>,
     /// Whether depth shows what colour shows, at a size of its own.
     depth_has_color_view: bool,
     /// Folder with the standard deviation of each depth.
@@ -65,14 +66,15 @@ impl Sidecar {
             }
             None => None,
         };
-        let (depth, depth_scale, sigma, depth_view) = match file.depth {
+        let (depth, depth_scale, depth_values, sigma, depth_view) = match file.depth {
             Some(section) => (
                 section.geometry(source)?,
                 section.scale,
+                section.values,
                 section.sigma,
                 section.view,
             ),
-            None => (None, None, None, None),
+            None => (None, None, None, None, None),
         };
         if sigma.is_some() && depth.is_some() {
             return Err(
@@ -88,6 +90,7 @@ impl Sidecar {
             color,
             depth,
             depth_scale,
+            depth_values,
             depth_has_color_view: depth_view == Some(DepthView::Color),
             sigma,
             right,
@@ -118,7 +121,16 @@ impl Sidecar {
             calibration.depth_scale = scale;
             calibration.float_depth_scale = scale;
         }
+        if let Some(values) = self.depth_values {
+            calibration.depth_values = values;
+        }
         if let Some(sigma) = self.sigma {
+            if calibration.depth_values != DepthValues::Depth {
+                return Err(format!(
+                    "[depth] sigma needs depth along the optical axis, not values = \"{}\"",
+                    calibration.depth_values.name()
+                ));
+            }
             if calibration.depth.is_some() || calibration.depth_has_color_view {
                 return Err(
                     "[depth] sigma needs depth that is registered to colour; that of this layout is not"

@@ -10,7 +10,8 @@ use serde::Serialize;
 
 use crate::export::posed_images;
 use crate::parse_stamp_ns;
-use crate::poses::{Poses, read_pose_file};
+use crate::poses::{PoseFileFormat, Poses, read_pose_file};
+use crate::text::{Stamp, TimeUnit};
 use crate::{OpenOptions, Sequence, SequenceError};
 
 /// Largest time difference of associated poses, as in the tools of the TUM benchmark.
@@ -138,11 +139,14 @@ impl TimedPoses {
             return Self::of_sequence(path);
         }
         let mut is_counted = false;
-        let mut poses: Vec<(i64, Isometry3<f64>)> = match read_pose_file(path)?.poses {
-            Poses::Stamped(rows) => rows
-                .into_iter()
-                .filter_map(|(stamp, pose)| Some((stamp.as_written_ns()?, pose)))
-                .collect(),
+        let file = read_pose_file(path)?;
+        let mut poses: Vec<(i64, Isometry3<f64>)> = match file.poses {
+            Poses::Stamped(rows) => {
+                let unit = unit_of(file.format, &rows);
+                rows.into_iter()
+                    .filter_map(|(stamp, pose)| Some((stamp.in_nanoseconds(unit)?, pose)))
+                    .collect()
+            }
             Poses::Numbered(rows) => {
                 is_counted = true;
                 let second = |number: u64| i64::try_from(number).ok()?.checked_mul(SECOND_NS);
@@ -296,6 +300,22 @@ impl TimedPoses {
     }
 }
 
+/// The unit of the stamps of a file: whole numbers of EuRoC's format are nanoseconds, also of a clock that was started a short time ago;
+/// else the notation says it, unless the times would not fit.
+fn unit_of(format: PoseFileFormat, rows: &[(Stamp, Isometry3<f64>)]) -> TimeUnit {
+    let all = |test: &dyn Fn(&Stamp) -> bool| rows.iter().all(|(stamp, _)| test(stamp));
+    if format == PoseFileFormat::EurocCsv && all(&|stamp| stamp.whole_number().is_some()) {
+        return TimeUnit::Nanosecond;
+    }
+    let written = rows
+        .first()
+        .map_or(TimeUnit::Second, |(stamp, _)| stamp.unit_as_written());
+    std::iter::once(written)
+        .chain(TimeUnit::ALL)
+        .find(|unit| all(&|stamp| stamp.in_nanoseconds(*unit).is_some()))
+        .unwrap_or(written)
+}
+
 /// A time in nanoseconds, and the pose then.
 type Timed = (i64, Isometry3<f64>);
 
@@ -438,6 +458,28 @@ mod tests {
             .compare_with(&truth, TrajectoryAlignment::Se3)
             .unwrap();
         assert!(rigid.position.rmse > 0.1 && rigid.scale == 1.0);
+    }
+
+    #[test]
+    fn clocks_of_euroc_may_have_few_digits() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("truth.csv");
+        for (start, step) in [
+            (100_000_000_000_i64, 10_000_000_i64),
+            (0, 50),
+            (1_403_636_579_763_555_584, 5_000_000),
+        ] {
+            let rows: String = (0..5)
+                .map(|k| format!("{},{k},0,0,1,0,0,0,0,0,0,0,0,0,0,0,0\n", start + k * step))
+                .collect();
+            let head = "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v_RS_R_x, v_RS_R_y, \
+                        v_RS_R_z, b_w_x, b_w_y, b_w_z, b_a_x, b_a_y, b_a_z\n";
+            std::fs::write(&path, format!("{head}{rows}")).unwrap();
+            let found = TimedPoses::read(&path).unwrap();
+            let times: Vec<i64> = found.poses.iter().map(|row| row.0).collect();
+            let expected: Vec<i64> = (0..5).map(|k| start + k * step).collect();
+            assert_eq!(times, expected);
+        }
     }
 
     #[test]

@@ -109,7 +109,13 @@ pub(super) fn find(folder: &Folder, sequence: &Sequence, given: GivenRoles) -> V
         FileRole::Depth => sequence.depth_calibration().is_some() || sequence.stereo().is_some(),
         FileRole::Calibration => !sequence.has_assumed_camera() && !sequence.has_default_camera,
     };
-    folder
+    let of_images = poses_of_one_image(folder, &used).map(|name| UnreadFile {
+        role: FileRole::Poses,
+        name: name.clone(),
+        is_trajectory: false,
+        is_missed: !has(FileRole::Poses),
+    });
+    let others = folder
         .names()
         .iter()
         .filter(|name| !folder.is_claimed(name) && !used.contains(name.as_str()))
@@ -126,8 +132,49 @@ pub(super) fn find(folder: &Folder, sequence: &Sequence, given: GivenRoles) -> V
                 is_trajectory,
                 is_missed: !has(role),
             })
-        })
-        .collect()
+        });
+    others.chain(of_images.filter(|_| !given.poses)).collect()
+}
+
+/// Says which files of a folder look like calibration, which no layout read.
+pub(super) fn calibrations(folder: &Path) -> String {
+    let Ok(folder) = Folder::list(folder) else {
+        return String::new();
+    };
+    let looks_so = |name: &&String| {
+        let role = role_of(&folder, name);
+        role.is_some_and(|(role, _)| role == FileRole::Calibration)
+    };
+    let names: Vec<&str> = folder
+        .names()
+        .iter()
+        .filter(looks_so)
+        .map(String::as_str)
+        .collect();
+    match names.is_empty() {
+        true => String::new(),
+        false => format!(" ({} looks like them, but is not read)", names.join(", ")),
+    }
+}
+
+/// The first file with the pose of one image, as some apps write beside each; others are of its kind.
+fn poses_of_one_image<'a>(folder: &'a Folder, used: &BTreeSet<String>) -> Option<&'a String> {
+    const MAX_BYTES: u64 = 1 << 20;
+    let stems: BTreeSet<&str> = used.iter().filter_map(|name| image_stem(name)).collect();
+    let is_beside = |name: &&String| {
+        let stem = name.strip_suffix(".json");
+        stem.is_some_and(|stem| stems.contains(stem))
+    };
+    // One is enough: there may be thousands.
+    let first = folder.names().iter().find(is_beside)?;
+    let path = folder.path().join(first);
+    let is_small = std::fs::metadata(&path).is_ok_and(|meta| meta.len() < MAX_BYTES);
+    let text = is_small.then(|| std::fs::read_to_string(&path).ok())??;
+    let text = text.to_ascii_lowercase();
+    ["pose", "transform", "extrinsic"]
+        .iter()
+        .any(|word| text.contains(word))
+        .then_some(first)
 }
 
 /// The entries of the folder that hold images of the frames.

@@ -46,13 +46,26 @@ impl Room {
     }
 
     /// Writes the depth of a frame as a 16-bit PNG of some units a metre.
-    fn write_depth(&self, frame: usize, path: &Path, scale: f64) {
+    fn write_depth(&self, frame: usize, path: &Path, how: &Writing, units: f64) {
         let depth = self.sequence.load_depth(frame).unwrap().unwrap();
         let (width, height) = (depth.width() as u32, depth.height() as u32);
+        let camera = self.sequence.color_camera();
+        let units = how.depth * units;
         let raw: Vec<u16> = depth
             .samples()
             .iter()
-            .map(|z| (f64::from(*z) * scale).round() as u16)
+            .enumerate()
+            .map(|(at, z)| {
+                let z = f64::from(*z);
+                let x = ((at % depth.width()) as f64 - camera.cx()) / camera.fx();
+                let y = ((at / depth.width()) as f64 - camera.cy()) / camera.fy();
+                let value = match how.values {
+                    Values::Inverse if z > 0.0 => 10.0 / z,
+                    Values::Distance => z * (1.0 + x * x + y * y).sqrt(),
+                    Values::Depth | Values::Inverse => z,
+                };
+                (value * units).round() as u16
+            })
             .collect();
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         image::ImageBuffer::<image::Luma<u16>, _>::from_raw(width, height, raw)
@@ -79,6 +92,8 @@ fn with_extension_of(image: &Path, stem: &Path) -> PathBuf {
 struct Writing {
     /// Factor on the depth units of the layout.
     depth: f64,
+    /// What depth images measure in place of depth: its inverse, or the distance along the ray.
+    values: Values,
     /// Factor on positions.
     unit: f64,
     is_inverse: bool,
@@ -90,8 +105,16 @@ struct Writing {
     shift: usize,
 }
 
+#[derive(Clone, Copy, PartialEq)]
+enum Values {
+    Depth,
+    Inverse,
+    Distance,
+}
+
 const RIGHT: Writing = Writing {
     depth: 1.0,
+    values: Values::Depth,
     unit: 1.0,
     is_inverse: false,
     is_opengl: false,
@@ -174,11 +197,7 @@ fn write_tum(room: &Room, how: &Writing, out: &Path) {
     for (at, pose) in how.poses(room).iter().enumerate() {
         let stamp = format!("{}.500000", 1000 + at);
         room.copy_color(at, &out.join(format!("rgb/{stamp}")));
-        room.write_depth(
-            at,
-            &out.join(format!("depth/{stamp}.png")),
-            how.depth * 5000.0,
-        );
+        room.write_depth(at, &out.join(format!("depth/{stamp}.png")), how, 5000.0);
         let image = room.sequence.frames()[at].color.extension().unwrap();
         writeln!(lists[0], "{stamp} rgb/{stamp}.{}", image.to_str().unwrap()).unwrap();
         writeln!(lists[1], "{stamp} depth/{stamp}.png").unwrap();
@@ -197,7 +216,7 @@ fn write_seven_scenes(room: &Room, how: &Writing, out: &Path) {
     for (at, pose) in how.poses(room).iter().enumerate() {
         let part = |name: &str| out.join(format!("frame-{at:06}.{name}"));
         room.copy_color(at, &part("color"));
-        room.write_depth(at, &part("depth.png"), how.depth * 1000.0);
+        room.write_depth(at, &part("depth.png"), how, 1000.0);
         write(&part("pose.txt"), &matrix_lines(pose));
     }
     write(
@@ -210,11 +229,7 @@ fn write_open3d(room: &Room, how: &Writing, out: &Path) {
     let mut log = String::new();
     for (at, pose) in how.poses(room).iter().enumerate() {
         room.copy_color(at, &out.join(format!("image/{at:05}")));
-        room.write_depth(
-            at,
-            &out.join(format!("depth/{at:05}.png")),
-            how.depth * 1000.0,
-        );
+        room.write_depth(at, &out.join(format!("depth/{at:05}.png")), how, 1000.0);
         write!(log, "{at} {at} {}\n{}", at + 1, matrix_lines(pose)).unwrap();
     }
     write(&out.join("trajectory.log"), &log);
@@ -230,7 +245,7 @@ fn write_open3d(room: &Room, how: &Writing, out: &Path) {
 fn write_scannet(room: &Room, how: &Writing, out: &Path) {
     for (at, pose) in how.poses(room).iter().enumerate() {
         room.copy_color(at, &out.join(format!("color/{at}")));
-        room.write_depth(at, &out.join(format!("depth/{at}.png")), how.depth * 1000.0);
+        room.write_depth(at, &out.join(format!("depth/{at}.png")), how, 1000.0);
         write(&out.join(format!("pose/{at}.txt")), &matrix_lines(pose));
     }
     write(
@@ -244,7 +259,7 @@ fn write_replica(room: &Room, how: &Writing, out: &Path) {
     for (at, pose) in how.poses(room).iter().enumerate() {
         room.copy_color(at, &out.join(format!("results/frame{at:06}")));
         let depth = out.join(format!("results/depth{at:06}.png"));
-        room.write_depth(at, &depth, how.depth * 6553.5);
+        room.write_depth(at, &depth, how, 6553.5);
         lines += &(matrix_lines(pose).replace('\n', " ") + "\n");
     }
     write(&out.join("traj.txt"), &lines);
@@ -261,7 +276,7 @@ fn write_pose_list(room: &Room, how: &Writing, out: &Path) {
     let mut lines = String::new();
     for (at, pose) in how.poses(room).iter().enumerate() {
         room.copy_color(at, &out.join(format!("rgb/{at}")));
-        room.write_depth(at, &out.join(format!("depth/{at}.png")), how.depth * 1000.0);
+        room.write_depth(at, &out.join(format!("depth/{at}.png")), how, 1000.0);
         writeln!(lines, "{}", how.quaternion_line(pose)).unwrap();
     }
     write(&out.join("poses.txt"), &lines);
@@ -280,7 +295,7 @@ fn write_transforms(room: &Room, how: &Writing, out: &Path) {
         .enumerate()
         .map(|(at, pose)| {
             room.copy_color(at, &out.join(format!("images/{at}")));
-            room.write_depth(at, &out.join(format!("depth/{at}.png")), how.depth * 1000.0);
+            room.write_depth(at, &out.join(format!("depth/{at}.png")), how, 1000.0);
             let matrix = pose.to_homogeneous();
             let rows: Vec<Vec<f64>> = (0..4)
                 .map(|r| (0..4).map(|c| matrix[(r, c)]).collect())
@@ -308,7 +323,7 @@ const LAYOUTS: [(&str, Writer, bool); 7] = [
 ];
 
 /// What is broken, how, and what the error must say.
-const FAULTS: [(&str, Writing, &str); 7] = [
+const FAULTS: [(&str, Writing, &str); 9] = [
     (
         "scale",
         Writing {
@@ -316,6 +331,22 @@ const FAULTS: [(&str, Writing, &str); 7] = [
             ..RIGHT
         },
         "[depth]",
+    ),
+    (
+        "inverse depth",
+        Writing {
+            values: Values::Inverse,
+            ..RIGHT
+        },
+        "values = \"inverse-depth\"",
+    ),
+    (
+        "distance",
+        Writing {
+            values: Values::Distance,
+            ..RIGHT
+        },
+        "values = \"distance\"",
     ),
     (
         "unit",
@@ -506,7 +537,7 @@ fn poses_that_are_not_read_stop_the_run_before_tracking() {
         "{said}"
     );
     // `track` needs no poses, but depth.
-    let depth = path.join("old_depth");
+    let depth = path.join("sparse_depth");
     std::fs::rename(path.join("depth"), &depth).unwrap();
     let output = expect_status(
         2,
@@ -519,7 +550,7 @@ fn poses_that_are_not_read_stop_the_run_before_tracking() {
     );
     let said = stderr(&output);
     assert!(
-        said.contains("old_depth") && !said.contains("cams"),
+        said.contains("sparse_depth") && !said.contains("cams"),
         "{said}"
     );
 }

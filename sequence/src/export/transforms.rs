@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 
 use super::posed::relative_path;
 use super::posed_images;
-use crate::Sequence;
+use crate::{DepthValues, Sequence};
 use linecarve_mesh::files::{WriteError, write_atomically};
 
 /// Why `transforms.json` cannot be written.
@@ -42,7 +42,7 @@ pub fn write_transforms(path: &Path, sequence: &Sequence) -> Result<(), Transfor
     root.insert("h".to_owned(), json!(size.height));
     let depth = sequence
         .depth_calibration()
-        .filter(|depth| depth.registered);
+        .filter(|depth| depth.registered && depth.values == DepthValues::Depth);
     if let Some(depth) = depth {
         root.insert(
             "depth_unit_scale_factor".to_owned(),

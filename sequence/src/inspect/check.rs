@@ -33,14 +33,38 @@ pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> 
     }
     let of_depth = pairs(sequence, |frame| sequence.frames()[frame].depth.is_some());
     match consistency::verdict(sequence, &of_depth)? {
-        DepthVerdict::Contradicts(text) => return Ok(Some(text)),
+        DepthVerdict::Contradicts(text) => return Ok(Some(with_poses_read(sequence, text))),
+        DepthVerdict::OfOtherFrame { poses, depth } => {
+            let is_depth = fit_corners(sequence)? == Some(true);
+            let text = if is_depth { depth } else { poses };
+            return Ok(Some(with_poses_read(sequence, text)));
+        }
         // Registered depth has the camera of the images.
         DepthVerdict::Agrees if is_registered(sequence) => return Ok(None),
         DepthVerdict::Agrees | DepthVerdict::Unknown => {}
     }
     let pairs = pairs(sequence, |_| true);
     let corners = FrameCorners::find(sequence, &pairs)?;
-    Ok(epipolar::contradiction(sequence, &corners.pairs(&pairs)))
+    let found = epipolar::contradiction(sequence, &corners.pairs(&pairs));
+    Ok(found.map(|text| with_poses_read(sequence, text)))
+}
+
+/// Whether matched corners fit the poses; `None` if there are too few.
+fn fit_corners(sequence: &Sequence) -> Result<Option<bool>, FrameError> {
+    let pairs = pairs(sequence, |_| true);
+    let corners = FrameCorners::find(sequence, &pairs)?;
+    Ok(epipolar::fits(sequence, &corners.pairs(&pairs)))
+}
+
+/// A text after the file that the poses are of: a folder may have several.
+fn with_poses_read(sequence: &Sequence, text: String) -> String {
+    let folder = sequence.folder().display().to_string();
+    let of_file =
+        |convention: &&String| convention.starts_with("poses: ") && convention.contains(&folder);
+    match sequence.conventions().iter().find(of_file) {
+        Some(poses) => format!("({poses}) {text}"),
+        None => text,
+    }
 }
 
 fn is_registered(sequence: &Sequence) -> bool {

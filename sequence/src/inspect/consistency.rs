@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::super::depth_values::ray_length;
 use super::depth_alternatives::{DepthConvention, alternatives, as_read, search};
 use super::pose_hypotheses::simplest_of_best;
 use super::{evenly_spaced, quantile, remedy_text, skip_unreadable};
@@ -24,11 +25,21 @@ const CLEARLY_BETTER: f64 = 0.5;
 /// convention fits.
 const GOOD: f64 = 0.01;
 
+/// A median below this share as read is accepted: no sensor measures better, and the smallest fault is larger but where frames hardly move.
+const EXACT: f64 = 0.003;
+
+/// With a median as read between both, an alternative is reported below this share of it: noise is the same in both.
+const FAR_BETTER: f64 = 0.25;
+
 /// Smallest number of compared pixels of a few pairs that prove something.
 const MIN_PIXELS: usize = 300;
 
 /// An alternative that contradicts the files fits at least this well.
 const FITS: f64 = 0.05;
+
+/// Depth that disagrees by more than this share is wrong, though no alternative says how: noise and drift are below a tenth, layers of
+/// models with a scale of their own about that.
+const UNEXPLAINED: f64 = 0.25;
 
 /// Pairs that a search for unknown numbers compares: it keeps them in memory.
 const SEARCHED_PAIRS: usize = 4;
@@ -63,6 +74,9 @@ pub struct DepthHypothesis {
     pub remedy: Option<String>,
     /// Number of differences from the convention as read.
     pub differences: usize,
+    /// The pose of a frame is that of the frame so many further.
+    #[serde(skip)]
+    offset: isize,
 }
 
 impl DepthConsistency {
@@ -126,7 +140,7 @@ pub(super) fn measure(
     let Some(calibration) = sequence.depth_calibration() else {
         return Ok(None);
     };
-    let mut conventions = vec![as_read(sequence)];
+    let mut conventions = vec![as_read(sequence, calibration)];
     conventions.extend(alternatives(sequence, calibration));
     let Some((pairs_compared, as_read, mut others)) =
         measure_pairs(sequence, calibration, &pairs, &conventions)?
@@ -152,6 +166,13 @@ pub(super) enum DepthVerdict {
     Agrees,
     /// An alternative agrees much better; it is given in words.
     Contradicts(String),
+    /// Poses of the frames beside agree much better: either those are wrong, or each depth image is of another frame.
+    OfOtherFrame {
+        /// What to say if poses do not fit the images.
+        poses: String,
+        /// What to say if they do.
+        depth: String,
+    },
     /// They do not tell.
     Unknown,
 }
@@ -164,13 +185,12 @@ pub(super) fn verdict(
     let Some(calibration) = sequence.depth_calibration() else {
         return Ok(DepthVerdict::Unknown);
     };
-    let first = as_read(sequence);
+    let first = as_read(sequence, calibration);
     let found = measure_pairs(sequence, calibration, pairs, std::slice::from_ref(&first))?;
     // Nothing to compare as read is no agreement: a wrong scale may leave no overlap.
-    if found
-        .as_ref()
-        .is_some_and(|(_, found, _)| found.median_relative < GOOD && found.pixels >= MIN_PIXELS)
-    {
+    let found = found.filter(|(_, found, _)| found.pixels >= MIN_PIXELS);
+    let misfit = found.map_or(f64::INFINITY, |(_, found, _)| found.median_relative);
+    if misfit < EXACT {
         return Ok(DepthVerdict::Agrees);
     }
     let mut conventions = vec![first];
@@ -179,12 +199,50 @@ pub(super) fn verdict(
     let Some((_, as_read, mut others)) = measured else {
         return Ok(DepthVerdict::Unknown);
     };
+    if misfit < GOOD {
+        // Short distances hide much, but not from depth without noise.
+        others.retain(|other| other.pixels * 2 >= as_read.pixels);
+        let best = simplest_of_best(&others, |other| (other.median_relative, other.differences));
+        let best = best.filter(|best| best.median_relative < FAR_BETTER * as_read.median_relative);
+        return Ok(best.map_or(DepthVerdict::Agrees, |best| {
+            DepthVerdict::Contradicts(format!("depth images {}", agree_better(&as_read, best)))
+        }));
+    }
     others.extend(searched(sequence, calibration, pairs, &others)?);
     others.retain(|other| other.pixels >= MIN_PIXELS);
     let best = better(&as_read, &others).filter(|best| best.median_relative < FITS);
-    Ok(best.map_or(DepthVerdict::Unknown, |best| {
-        DepthVerdict::Contradicts(format!("depth images {}", agree_better(&as_read, best)))
-    }))
+    let found = best.map(|best| format!("depth images {}", agree_better(&as_read, best)));
+    if let (Some(best), Some(poses)) = (best.filter(|best| best.offset != 0), &found) {
+        let beside = if best.offset < 0 { "previous" } else { "next" };
+        let depth = format!(
+            "each depth image belongs to the {beside} image: depth agrees so (median difference {:.2} % of depth), not as read ({:.2} %), \
+             and the poses fit the images: give depth images the numbers of their images",
+            100.0 * best.median_relative,
+            100.0 * as_read.median_relative
+        );
+        return Ok(DepthVerdict::OfOtherFrame {
+            poses: poses.clone(),
+            depth,
+        });
+    }
+    Ok(found
+        .or_else(|| unexplained(&as_read))
+        .map_or(DepthVerdict::Unknown, DepthVerdict::Contradicts))
+}
+
+/// Says that depth images disagree by far more than noise and drift, if no alternative explains it.
+fn unexplained(as_read: &DepthHypothesis) -> Option<String> {
+    let is_wrong = as_read.pixels >= MIN_PIXELS
+        && as_read.median_relative.is_finite()
+        && as_read.median_relative > UNEXPLAINED;
+    is_wrong.then(|| {
+        format!(
+            "depth images disagree by {:.0} % of depth with one another (median of {} pixels seen from two frames), and no other pose \
+             convention, depth scale, focal length or kind of value explains it: check that depth and poses belong to these images",
+            100.0 * as_read.median_relative,
+            as_read.pixels
+        )
+    })
 }
 
 /// Scales and focal lengths that a search finds.
@@ -206,7 +264,7 @@ fn searched(
         .flatten()
         .collect();
     let is_explained = others.iter().any(|other| other.median_relative < GOOD);
-    let mut conventions = vec![as_read(sequence)];
+    let mut conventions = vec![as_read(sequence, calibration)];
     conventions.extend(search(sequence, calibration, &loaded, is_explained));
     let measured = measure_pairs(sequence, calibration, pairs, &conventions)?;
     Ok(measured.map_or_else(Vec::new, |(_, _, others)| others))
@@ -251,6 +309,7 @@ fn measure_pairs(
             reading: convention.description.clone(),
             remedy: convention.remedy.clone(),
             differences: convention.differences,
+            offset: convention.poses.offset,
             pixels: relative.len(),
             // Without any overlap nothing agrees.
             median_difference: quantile(&mut absolute, 0.5).unwrap_or(f64::INFINITY),
@@ -303,16 +362,27 @@ impl DepthPair {
         let b_from_a = color_from_depth.inverse() * b_from_a * color_from_depth;
         let camera = convention.camera.as_ref().unwrap_or(&calibration.camera);
         let [a, b] = &self.depths;
-        compare(a, b, &b_from_a, convention.factor, camera, every)
+        let depth = |depth: f32, x: usize, y: usize| {
+            let depth = f64::from(depth);
+            if convention.values == calibration.values {
+                return convention.factor * depth;
+            }
+            let ray = ray_length(camera, x, y);
+            convention.factor
+                * convention
+                    .values
+                    .depth(calibration.values.value(depth, ray), ray)
+        };
+        compare(a, b, &b_from_a, depth, camera, every)
     }
 }
 
-/// Absolute and relative differences between depth of `a` transformed into `b` and depth of `b`.
+/// Absolute and relative differences between depth of `a` transformed into `b` and depth of `b`; `depth` takes depth as read at a pixel.
 fn compare(
     a: &DepthImage,
     b: &DepthImage,
     b_from_a: &Isometry3<f64>,
-    factor: f64,
+    depth: impl Fn(f32, usize, usize) -> f64,
     camera: &Camera,
     every: usize,
 ) -> Vec<(f64, f64)> {
@@ -324,7 +394,7 @@ fn compare(
                 continue;
             };
             let pixel = Point2::new(x as f64, y as f64);
-            let Ok(point) = camera.point_at_depth(&pixel, f64::from(z) * factor) else {
+            let Ok(point) = camera.point_at_depth(&pixel, depth(z, x, y)) else {
                 continue;
             };
             let point_in_b = b_from_a * point;
@@ -338,7 +408,7 @@ fn compare(
             let Some(&there) = b.get(u as usize, v as usize).filter(|&&z| z > 0.0) else {
                 continue;
             };
-            let measured = f64::from(there) * factor;
+            let measured = depth(there, u as usize, v as usize);
             let difference = (point_in_b.z - measured).abs();
             out.push((difference, difference / measured));
         }
@@ -398,7 +468,14 @@ mod tests {
             };
             let pose = |recorded| reading.world_from_color(recorded, &extrinsics);
             let b_from_a = pose(&b).inverse() * pose(&a);
-            let residuals = compare(&depth_a, &depth_b, &b_from_a, factor, &camera, 1);
+            let residuals = compare(
+                &depth_a,
+                &depth_b,
+                &b_from_a,
+                |depth, _, _| factor * f64::from(depth),
+                &camera,
+                1,
+            );
             // A wrong convention may leave no overlap at all.
             if residuals.len() < 10 {
                 return f64::INFINITY;

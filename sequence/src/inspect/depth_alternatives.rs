@@ -8,7 +8,7 @@ use super::intrinsics_hypotheses::{
 };
 use super::pose_hypotheses::{PoseHypothesis, pose_hypotheses};
 use super::quantile;
-use crate::{DepthCalibration, Sequence};
+use crate::{DepthCalibration, DepthValues, Sequence};
 
 /// Common depth scales: millimetres, TUM RGB-D, RealSense L515, a power of two, Replica, and tenths of a millimetre.
 const SCALES: [f64; 6] = [1000.0, 5000.0, 4000.0, 256.0, 6553.5, 10_000.0];
@@ -41,19 +41,22 @@ pub(super) struct DepthConvention {
     pub(super) remedy: Option<String>,
     pub(super) differences: usize,
     pub(super) poses: PoseHypothesis,
-    /// Factor on depth as read.
+    /// What raw values measure.
+    pub(super) values: DepthValues,
+    /// Factor on depth, after values were read as `values` says.
     pub(super) factor: f64,
     /// The depth camera, if it is not that of the files.
     pub(super) camera: Option<Camera>,
 }
 
 impl DepthConvention {
-    fn of_poses(poses: PoseHypothesis) -> Self {
+    fn of_poses(poses: PoseHypothesis, calibration: &DepthCalibration) -> Self {
         Self {
             description: poses.description.clone(),
             remedy: poses.remedy.clone(),
             differences: poses.differences,
             poses,
+            values: calibration.values,
             factor: 1.0,
             camera: None,
         }
@@ -61,20 +64,49 @@ impl DepthConvention {
 
     /// The same with another scale of depth.
     fn with_scale(&self, calibration: &DepthCalibration, scale: f64) -> Self {
+        let is_inverse = self.values == DepthValues::InverseDepth;
         let words = format!(
             "a depth scale of {scale} instead of {}{}",
             calibration.scale,
-            pose_unit_of(scale)
+            if is_inverse { "" } else { pose_unit_of(scale) }
         );
-        let line = format!("[depth]\nscale = {scale:?}");
         Self {
-            description: joined(self, ", ", &words),
-            remedy: Some(match &self.remedy {
-                Some(remedy) => format!("{remedy}\n{line}"),
-                None => line,
-            }),
+            factor: match is_inverse {
+                true => scale / calibration.scale,
+                false => calibration.scale / scale,
+            },
+            ..self.with(&words, &format!("scale = {scale:?}"))
+        }
+    }
+
+    /// The scale that a factor stands for.
+    fn scale_of(&self, calibration: &DepthCalibration, factor: f64) -> f64 {
+        match self.values {
+            DepthValues::InverseDepth => calibration.scale * factor,
+            DepthValues::Depth | DepthValues::Distance => calibration.scale / factor,
+        }
+    }
+
+    /// The same with raw values that measure something else.
+    fn with_values(&self, values: DepthValues) -> Self {
+        Self {
+            values,
+            ..self.with(values.words(), &format!("values = \"{}\"", values.name()))
+        }
+    }
+
+    /// The same with a line more of section `[depth]`.
+    fn with(&self, words: &str, line: &str) -> Self {
+        const SECTION: &str = "[depth]";
+        let remedy = match &self.remedy {
+            Some(remedy) if remedy.contains(SECTION) => format!("{remedy}\n{line}"),
+            Some(remedy) => format!("{remedy}\n{SECTION}\n{line}"),
+            None => format!("{SECTION}\n{line}"),
+        };
+        Self {
+            description: joined(self, ", ", words),
+            remedy: Some(remedy),
             differences: self.differences + 1,
-            factor: calibration.scale / scale,
             ..self.clone()
         }
     }
@@ -89,11 +121,19 @@ fn joined(first: &DepthConvention, separator: &str, words: &str) -> String {
 }
 
 /// The convention as read.
-pub(super) fn as_read(sequence: &Sequence) -> DepthConvention {
-    DepthConvention::of_poses(PoseHypothesis::as_read(sequence))
+pub(super) fn as_read(sequence: &Sequence, calibration: &DepthCalibration) -> DepthConvention {
+    DepthConvention::of_poses(PoseHypothesis::as_read(sequence), calibration)
 }
 
-/// Alternative pose conventions, then common depth scales.
+/// What raw values may measure instead.
+fn other_values(calibration: &DepthCalibration) -> impl Iterator<Item = DepthValues> {
+    let read = calibration.values;
+    DepthValues::ALL
+        .into_iter()
+        .filter(move |other| *other != read)
+}
+
+/// Alternative pose conventions, then common depth scales, then values that measure something else.
 pub(super) fn alternatives(
     sequence: &Sequence,
     calibration: &DepthCalibration,
@@ -101,12 +141,19 @@ pub(super) fn alternatives(
     let of_scales = SCALES
         .into_iter()
         .filter(|other| (other / calibration.scale - 1.0).abs() > 1e-3)
-        .map(|scale| as_read(sequence).with_scale(calibration, scale));
+        .map(|scale| as_read(sequence, calibration).with_scale(calibration, scale));
+    // The scale of inverse depth is searched for.
+    let of_values = other_values(calibration)
+        .filter(|other| {
+            *other != DepthValues::InverseDepth && calibration.values != DepthValues::InverseDepth
+        })
+        .map(|other| as_read(sequence, calibration).with_values(other));
     pose_hypotheses(sequence)
         .into_iter()
         .filter(|poses| poses.differences > 0)
-        .map(DepthConvention::of_poses)
+        .map(|poses| DepthConvention::of_poses(poses, calibration))
         .chain(of_scales)
+        .chain(of_values)
         .collect()
 }
 
@@ -122,7 +169,7 @@ pub(super) fn search(
         calibration,
         pairs,
     };
-    let as_read = as_read(sequence);
+    let as_read = as_read(sequence, calibration);
     let mut found: Vec<DepthConvention> = search.best_scale(&as_read).into_iter().collect();
     found.extend(search.best_focal(&as_read));
     if !is_explained {
@@ -130,8 +177,12 @@ pub(super) fn search(
             .into_iter()
             .filter(|poses| poses.differences == 1 && poses.remedy.is_some());
         found.extend(
-            single.filter_map(|poses| search.best_scale(&DepthConvention::of_poses(poses))),
+            single.filter_map(|poses| {
+                search.best_scale(&DepthConvention::of_poses(poses, calibration))
+            }),
         );
+        let of_values = other_values(calibration).map(|other| as_read.with_values(other));
+        found.extend(of_values.filter_map(|convention| search.best_scale(&convention)));
     }
     found
 }
@@ -185,7 +236,7 @@ impl Search<'_> {
         if misfit >= BETTER_THAN_ROTATION * of_rotation {
             return None;
         }
-        let scale = common_scale(self.calibration.scale / fine.factor);
+        let scale = common_scale(convention.scale_of(self.calibration, fine.factor));
         Some(convention.with_scale(self.calibration, scale))
     }
 

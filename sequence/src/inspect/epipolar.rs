@@ -122,6 +122,11 @@ pub(super) fn contradiction(sequence: &Sequence, pairs: &[CornerPair<'_>]) -> Op
     matched.facts()?.contradiction()
 }
 
+/// Whether matched corners fit the poses as read; `None` if there are too few matches.
+pub(super) fn fits(sequence: &Sequence, pairs: &[CornerPair<'_>]) -> Option<bool> {
+    Some(Matched::of(sequence, pairs)?.fits_as_read())
+}
+
 /// Compares matched corners of image pairs; `None` if there are too few matches.
 pub(super) fn measure(sequence: &Sequence, image_samples: &ImageSamples) -> Option<EpipolarFacts> {
     Matched::of(sequence, &image_samples.pairs())?.facts()

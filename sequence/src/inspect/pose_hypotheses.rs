@@ -20,7 +20,7 @@ pub(super) struct PoseHypothesis {
     pub(super) differences: usize,
     convention: PoseConvention,
     /// The pose of a frame is that of the frame so many further.
-    offset: isize,
+    pub(super) offset: isize,
 }
 
 /// Hypotheses whose misfit is within this factor of the best count as equally good.

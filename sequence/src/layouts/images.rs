@@ -1,5 +1,6 @@
 //! Image folders: lists images with times or numbers, without poses. Shared by layouts with a separate trajectory file.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::super::calibration::ImageSize;
@@ -50,7 +51,7 @@ pub(super) struct Listing {
 }
 
 /// The folder of colour images, if any.
-pub(super) fn color_folder(folder: &Folder) -> Option<PathBuf> {
+pub(in super::super) fn color_folder(folder: &Folder) -> Option<PathBuf> {
     COLOR_FOLDERS
         .iter()
         .map(|name| folder.path().join(name))
@@ -63,20 +64,31 @@ fn has_images(folder: &Folder) -> bool {
     folder.names().iter().any(|name| image_stem(name).is_some())
 }
 
-/// Parts of the names of folders whose images are not of the colour camera.
+/// Part of the names of depth images and their folders.
+const DEPTH: &str = "depth";
+
+/// Parts of the names of images, and of their folders, that are not of the colour camera.
 const NOT_COLOR: [&str; 9] = [
-    "depth", "conf", "mask", "normal", "semantic", "label", "instance", "sigma", "segment",
+    DEPTH, "conf", "mask", "normal", "semantic", "label", "instance", "sigma", "segment",
 ];
 
 /// The sub-folder of any name that has images, if there is exactly one beside folders of depth, confidence, masks and the like.
 fn only_folder_with_images(folder: &Folder) -> Option<PathBuf> {
+    only_folder(folder, is_of_color)
+}
+
+/// Whether a name is none of depth, confidence, masks and the like.
+fn is_of_color(name: &str) -> bool {
+    let name = name.to_ascii_lowercase();
+    !NOT_COLOR.iter().any(|part| name.contains(part))
+}
+
+/// The sub-folder with images and a name that is wanted, if there is exactly one.
+fn only_folder(folder: &Folder, is_wanted: impl Fn(&str) -> bool) -> Option<PathBuf> {
     let mut found = folder
         .names()
         .iter()
-        .filter(|name| {
-            let name = name.to_ascii_lowercase();
-            !NOT_COLOR.iter().any(|part| name.contains(part))
-        })
+        .filter(|name| is_wanted(name))
         .map(|name| folder.path().join(name))
         .filter(|path| path.is_dir())
         .filter(|path| Folder::list(path).is_ok_and(|inside| has_images(&inside)));
@@ -195,7 +207,8 @@ pub(super) fn files_in(path: &Path) -> Result<Vec<(String, PathBuf)>, SequenceEr
         .collect())
 }
 
-/// The number of an image: at the end of its name, or before the time in `NNNNNNN-TIME`, as in Redwood's scans.
+/// The number of an image: at the end of its name, else the last in it (`NNNNN-color`), or before the time in `NNNNNNN-TIME`, as in
+/// Redwood's scans.
 pub(super) fn number_of(stem: &str) -> Option<u64> {
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
     if let Some((number, time)) = stem.split_once('-')
@@ -204,8 +217,9 @@ pub(super) fn number_of(stem: &str) -> Option<u64> {
     {
         return number.parse().ok();
     }
-    let digits = stem.len() - stem.trim_end_matches(|c: char| c.is_ascii_digit()).len();
-    stem[stem.len() - digits..].parse().ok()
+    let end = stem.trim_end_matches(|c: char| !c.is_ascii_digit());
+    let start = end.trim_end_matches(|c: char| c.is_ascii_digit()).len();
+    end[start..].parse().ok()
 }
 
 /// Size of the first image whose header can be read.
@@ -220,20 +234,59 @@ fn stamp_of(stem: &str) -> Option<i64> {
     is_time.then(|| stamp.as_written_ns()).flatten()
 }
 
+/// The folder of depth images: one of a usual name, else the only folder with images and "depth" in its name.
+fn depth_folder(folder: &Folder) -> Option<PathBuf> {
+    let usual = DEPTH_FOLDERS
+        .iter()
+        .map(|name| folder.path().join(name))
+        .find(|path| path.is_dir());
+    usual.or_else(|| only_folder(folder, is_of_depth))
+}
+
+/// Whether a name is that of depth, and of nothing that comes with it, such as its confidence.
+fn is_of_depth(name: &str) -> bool {
+    let name = name.to_ascii_lowercase();
+    let mut parts = NOT_COLOR.iter().filter(|part| name.contains(**part));
+    parts.next() == Some(&DEPTH) && parts.next().is_none() && !name.contains("sparse")
+}
+
+/// Colour and depth images of one folder, by their names (`00001-color`, `00001-depth`). Images of which all or none are named so are of
+/// colour.
+fn color_and_depth(
+    images: Vec<NamedImage>,
+    warnings: &mut Vec<Warning>,
+) -> (Vec<NamedImage>, Vec<NamedImage>) {
+    let total = images.len();
+    let (others, color): (Vec<_>, Vec<_>) = images
+        .into_iter()
+        .partition(|image| !is_of_color(&image.stem));
+    if color.is_empty() {
+        return (others, Vec::new());
+    }
+    let (depth, left_out): (Vec<_>, Vec<_>) = others
+        .into_iter()
+        .partition(|image| is_of_depth(&image.stem));
+    let mut counter = WarningCounter::default();
+    for image in left_out {
+        counter.add(image.stem);
+    }
+    warnings.extend(counter.into_warning(
+        total,
+        "images have names of confidence, masks and the like and were skipped",
+    ));
+    (color, depth)
+}
+
 /// Lists the images of the folder `path` of a sequence, with times and depth images found beside it.
 pub(super) fn from_files(
     folder: &Folder,
     path: &Path,
     warnings: &mut Vec<Warning>,
 ) -> Result<Listing, SequenceError> {
-    let images = images_in(path)?;
-    let depths = match DEPTH_FOLDERS
-        .iter()
-        .map(|name| folder.path().join(name))
-        .find(|path| path.is_dir())
-    {
+    let (images, depths_beside) = color_and_depth(images_in(path)?, warnings);
+    let depths = match depth_folder(folder) {
         Some(path) => images_in(&path)?,
-        None => Vec::new(),
+        None => depths_beside,
     };
     let times = folder.first_entry(&TIMES);
     let by_list = match &times {
@@ -322,6 +375,44 @@ fn read_times(path: &Path, images: &[NamedImage]) -> Result<Vec<i64>, SequenceEr
     Ok(stamps)
 }
 
+/// All numbers in a name.
+fn numbers_of(stem: &str) -> Vec<u64> {
+    stem.split(|c: char| !c.is_ascii_digit())
+        .filter_map(|digits| digits.parse().ok())
+        .collect()
+}
+
+/// The depth image with the key of each colour image; none at all if the key does not tell images apart.
+fn joined_by<K: Ord>(
+    images: &[NamedImage],
+    depths: &[NamedImage],
+    key: impl Fn(&str) -> Option<K>,
+) -> Vec<Option<PathBuf>> {
+    let keys = |named: &[NamedImage]| -> Option<BTreeMap<K, usize>> {
+        let mut all = BTreeMap::new();
+        let keyed = named
+            .iter()
+            .enumerate()
+            .filter_map(|(at, image)| Some((key(&image.stem)?, at)));
+        for (key, at) in keyed {
+            if all.insert(key, at).is_some() {
+                return None;
+            }
+        }
+        Some(all)
+    };
+    let (Some(_), Some(of_depths)) = (keys(images), keys(depths)) else {
+        return vec![None; images.len()];
+    };
+    images
+        .iter()
+        .map(|image| {
+            let at = of_depths.get(&key(&image.stem)?)?;
+            Some(depths[*at].path.clone())
+        })
+        .collect()
+}
+
 /// The depth image of each colour image: by name, by number, or nearest in time.
 fn depths_of(
     images: &[NamedImage],
@@ -329,18 +420,18 @@ fn depths_of(
     depths: &[NamedImage],
     has_time: bool,
 ) -> Vec<Option<PathBuf>> {
-    let by_name: Vec<Option<PathBuf>> = images
-        .iter()
-        .map(|image| {
-            let same = |depth: &&NamedImage| {
-                depth.stem == image.stem
-                    || (!has_time
-                        && number_of(&depth.stem).is_some()
-                        && number_of(&depth.stem) == number_of(&image.stem))
-            };
-            depths.iter().find(same).map(|depth| depth.path.clone())
-        })
-        .collect();
+    let mut by_name = joined_by(images, depths, |stem| Some(stem.to_owned()));
+    if !has_time && by_name.iter().any(Option::is_none) {
+        let by_number = joined_by(images, depths, number_of);
+        let by_numbers = || joined_by(images, depths, |stem| Some(numbers_of(stem)));
+        let others = match by_number.iter().any(Option::is_some) {
+            true => by_number,
+            false => by_numbers(),
+        };
+        for (found, other) in by_name.iter_mut().zip(others) {
+            *found = found.take().or(other);
+        }
+    }
     if by_name.iter().any(Option::is_some) || !has_time {
         return by_name;
     }

@@ -4,15 +4,14 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use linecarve_lines::camera::Camera;
-use serde::Deserialize;
 
-use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
+use super::super::calibration::{CalibratedCamera, Calibration};
 use super::super::join::OtherJoin;
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording, image_stem};
 use super::super::poses::{LogEntry, read_log};
-use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, rigid};
+use super::camera_json;
 use super::images::number_of;
 
 /// Reader of Open3D and Redwood.
@@ -215,56 +214,13 @@ fn join(
     Ok((frames, other))
 }
 
-/// Open3D's PinholeCameraIntrinsic.
-#[derive(Deserialize, PartialEq)]
-struct IntrinsicFile {
-    width: u32,
-    height: u32,
-    intrinsic_matrix: [f64; 9],
-}
-
-/// The camera of the intrinsics JSON in the folder, or Open3D's default.
+/// The camera of the JSON in the folder, or Open3D's default.
 fn intrinsics(
     folder: &Folder,
     warnings: &mut Vec<Warning>,
 ) -> Result<CalibratedCamera, SequenceError> {
-    let mut found: Vec<(PathBuf, IntrinsicFile)> = Vec::new();
-    for name in folder.names().iter().filter(|name| name.ends_with(".json")) {
-        let path = folder.path().join(name);
-        let file = TextFile::read(&path)?;
-        match serde_json::from_str::<IntrinsicFile>(file.text()) {
-            Ok(intrinsic) => {
-                folder.claim(name);
-                found.push((path, intrinsic));
-            }
-            Err(error)
-                if file.text().contains("intrinsic_matrix")
-                    || name.contains("camera")
-                    || name.contains("intrinsic") =>
-            {
-                return Err(SequenceError::Content {
-                    path,
-                    problem: format!(
-                        "is not an Open3D camera (width, height and intrinsic_matrix of 9 numbers, column by column): {error}"
-                    ),
-                });
-            }
-            // An unrelated JSON file.
-            Err(_) => {}
-        }
-    }
-    if let Some(((first, camera), others)) = found.split_first() {
-        if let Some((other, _)) = others.iter().find(|(_, other)| other != camera) {
-            return Err(SequenceError::Content {
-                path: folder.path().to_owned(),
-                problem: format!(
-                    "{} and {} are different cameras: remove one, or give --calibration FILE",
-                    first.display(),
-                    other.display()
-                ),
-            });
-        }
-        return camera_of(first, camera, warnings);
+    if let Some(camera) = camera_json::of_folder(folder, warnings)? {
+        return Ok(camera);
     }
     let camera =
         Camera::pinhole(525.0, 525.0, 319.5, 239.5).map_err(|error| SequenceError::Content {
@@ -277,49 +233,5 @@ fn intrinsics(
         camera,
         "default of Open3D (PrimeSense)",
         warning.to_owned(),
-    ))
-}
-
-fn camera_of(
-    path: &Path,
-    file: &IntrinsicFile,
-    warnings: &mut Vec<Warning>,
-) -> Result<CalibratedCamera, SequenceError> {
-    let content = |problem: String| SequenceError::Content {
-        path: path.to_owned(),
-        problem,
-    };
-    let m = &file.intrinsic_matrix;
-    let is_zero = |indices: [usize; 4]| indices.iter().all(|&i| m[i] == 0.0);
-    let (cx, cy) = if is_zero([1, 2, 3, 5]) {
-        (m[6], m[7])
-    } else if is_zero([1, 3, 6, 7]) {
-        warnings.push(Warning::statement(format!(
-            "{}: intrinsic_matrix is read row by row, as its zeros show; Open3D writes it column by column",
-            path.display()
-        )));
-        (m[2], m[5])
-    } else {
-        return Err(content(
-            "intrinsic_matrix is not [fx, 0, 0, 0, fy, 0, cx, cy, 1] (column by column, no skew)"
-                .to_owned(),
-        ));
-    };
-    if m[8] != 1.0 || file.width == 0 || file.height == 0 {
-        return Err(content(
-            "needs a positive width and height and 1 as the last number of intrinsic_matrix"
-                .to_owned(),
-        ));
-    }
-    let camera = Camera::pinhole(m[0], m[4], cx, cy).map_err(|error| content(error.to_string()))?;
-    let size = ImageSize {
-        width: file.width,
-        height: file.height,
-    };
-    let source = path.file_name().unwrap_or(path.as_os_str());
-    Ok(CalibratedCamera::known(
-        camera,
-        Some(size),
-        source.to_string_lossy(),
     ))
 }

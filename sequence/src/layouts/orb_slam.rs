@@ -10,9 +10,9 @@ use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
 use super::super::layout::{Folder, Layout, PoseSource, Recording};
 use super::super::poses::{self, PoseFileFormat};
 use super::super::text::TextFile;
-use super::super::{SequenceError, rigid, yaml};
+use super::super::{SequenceError, Warning, rigid, yaml};
 use super::orb_trajectory::{ORB_TRAJECTORIES, orb_trajectory};
-use super::{euroc, images, intrinsics_file};
+use super::{camera_json, euroc, images, intrinsics_file};
 
 /// Reader of ORB-SLAM's files.
 pub(in super::super) struct OrbSlam;
@@ -115,7 +115,7 @@ fn read(folder: &Folder, trajectory: Option<PathBuf>) -> Result<Recording, Seque
             reason: "there are no images in the image folder".to_owned(),
         });
     }
-    let settings = settings(folder)?;
+    let settings = settings(folder, &mut warnings)?;
     let mut recording = Recording::new(listing.frames, settings);
     recording.has_time = listing.has_time;
     recording.warnings = warnings;
@@ -175,7 +175,7 @@ struct Settings {
 }
 
 /// The calibration of the settings file; without a camera if there is none.
-fn settings(folder: &Folder) -> Result<Calibration, SequenceError> {
+fn settings(folder: &Folder, warnings: &mut Vec<Warning>) -> Result<Calibration, SequenceError> {
     let mut found: Option<(PathBuf, Settings)> = None;
     for name in folder.names() {
         if !(name.ends_with(".yaml") || name.ends_with(".yml")) {
@@ -206,7 +206,15 @@ fn settings(folder: &Folder) -> Result<Calibration, SequenceError> {
         return if sensor.is_file() {
             euroc::calibration(&sensor)
         } else {
-            Ok(Calibration::of_color(intrinsics_file::of_folder(folder)?))
+            let in_text = intrinsics_file::of_folder(folder)?;
+            let camera = in_text.or_else(|| {
+                // What looks like a camera and is none is named, and `linecarve.toml` may replace it.
+                camera_json::of_folder(folder, warnings).unwrap_or_else(|error| {
+                    warnings.push(Warning::statement(error.to_string()));
+                    None
+                })
+            });
+            Ok(Calibration::of_color(camera))
         };
     };
     calibration(&path, &settings).map_err(|problem| SequenceError::Content { path, problem })

@@ -11,6 +11,7 @@ use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording,
 use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
+use super::scan_info;
 
 /// Reader of 7-Scenes.
 pub(in super::super) struct SevenScenes;
@@ -229,6 +230,9 @@ fn read_matrix<const N: usize>(path: &Path) -> Result<[[f64; N]; N], SequenceErr
 }
 
 fn intrinsics(folder: &Folder) -> Result<Calibration, SequenceError> {
+    if let Some(path) = folder.first_entry(&scan_info::NAMES) {
+        return scan_info::read(&path);
+    }
     let color = match folder.entry(INTRINSICS) {
         Some(path) => {
             let k = read_matrix::<3>(&path)?;

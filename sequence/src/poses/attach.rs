@@ -88,7 +88,16 @@ fn attach(
     let total = frames.len();
     let mut other = None;
     let posed = match trajectory.poses {
-        Poses::Stamped(rows) if has_time => by_time(&frames, &rows, &file, warnings),
+        Poses::Stamped(rows) if has_time => {
+            let posed = by_time(&frames, &rows, &file, warnings);
+            let is_complete = posed.iter().all(Option::is_some);
+            if is_complete || rows.len() != total || !are_counted(&frames, &rows) {
+                posed
+            } else {
+                other = Some(posed);
+                in_order(rows.iter().map(|row| Some(row.1)).collect(), &frames, path)?
+            }
+        }
         Poses::Stamped(rows) => {
             let numbered: Option<Vec<(u64, Option<Isometry3<f64>>)>> = rows
                 .iter()
@@ -160,6 +169,18 @@ fn attach(
         &format!("images have no pose in {file} and were skipped"),
     ));
     Ok((kept, other_of_kept.map(|poses| OtherJoin { poses })))
+}
+
+/// Whether the times of images and poses are counts: 0 1 2 ..., or from another number on.
+fn are_counted(frames: &[RecordedFrame], rows: &[(Stamp, Isometry3<f64>)]) -> bool {
+    const SECOND_NS: i64 = 1_000_000_000;
+    let is_second = |frame: &RecordedFrame| frame.timestamp_ns % SECOND_NS == 0;
+    let numbers: Option<Vec<u64>> = rows.iter().map(|row| row.0.whole_number()).collect();
+    frames.iter().all(is_second)
+        && frames
+            .windows(2)
+            .all(|pair| pair[1].timestamp_ns - pair[0].timestamp_ns == SECOND_NS)
+        && numbers.is_some_and(|numbers| numbers.windows(2).all(|pair| pair[1] == pair[0] + 1))
 }
 
 fn has_any(posed: &[Option<Isometry3<f64>>]) -> bool {

@@ -100,11 +100,35 @@ impl Columns {
             return Some(named);
         }
         let candidates = candidates(file, rows);
+        let matrix = candidates
+            .iter()
+            .find(|columns| columns.is_transposed(rows));
+        if let Some(matrix) = matrix {
+            return Some(*matrix);
+        }
         candidates
             .iter()
             .find(|columns| columns.fit(rows))
             .or(candidates.first())
             .copied()
+    }
+
+    /// Whether the numbers are 4x4 matrices column by column, some of which would pass for other formats.
+    fn is_transposed(&self, rows: &[TextLine]) -> bool {
+        let PoseFields::Matrix { first, count: 16 } = self.pose else {
+            return false;
+        };
+        rows.iter().all(|row| {
+            let fields = fields(row);
+            let column = [3, 7, 11, 15].map(|at| fields.get(first + at).map(|f| parse_number(f)));
+            column
+                == [
+                    Some(Some(0.0)),
+                    Some(Some(0.0)),
+                    Some(Some(0.0)),
+                    Some(Some(1.0)),
+                ]
+        })
     }
 
     /// Whether the rotations of some lines are rotations.

@@ -1,5 +1,7 @@
 //! Reading of trajectory files; the format is detected from the first lines.
 
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::super::layout::Folder;
@@ -62,17 +64,31 @@ pub(in super::super) fn candidates(folder: &Folder) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Whether a file has the name and the content of a trajectory: several poses, most of them valid.
+/// Whether a file has the content of a trajectory: several poses, most of them valid.
 pub(in super::super) fn is_trajectory(path: &Path) -> bool {
-    const ENDS: [&str; 6] = ["txt", "csv", "log", "tum", "freiburg", "traj"];
     const MAX_BYTES: u64 = 64 << 20;
-    let extension = path.extension().and_then(|end| end.to_str());
-    extension.is_some_and(|end| ENDS.contains(&end))
-        && std::fs::metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() < MAX_BYTES)
+    std::fs::metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() < MAX_BYTES)
+        && begins_with_text(path)
         && read_pose_file(path).is_ok_and(|found| {
             let (all, valid) = (found.poses.len(), found.poses.valid());
             valid > 1 && 2 * valid > all
         })
+}
+
+/// Whether a file begins as text: images and models are not read to the end.
+fn begins_with_text(path: &Path) -> bool {
+    const HEAD: u64 = 1024;
+    let mut head = Vec::new();
+    let file = File::open(path).map(|file| file.take(HEAD));
+    if file
+        .and_then(|mut file| file.read_to_end(&mut head))
+        .is_err()
+    {
+        return false;
+    }
+    // Text of 16 bits has a zero byte in each letter, and a mark before all.
+    let is_wide = head.starts_with(&[0xFF, 0xFE]) || head.starts_with(&[0xFE, 0xFF]);
+    is_wide || !head.iter().any(|&byte| byte == 0 || byte > 0xF7)
 }
 
 fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<PoseFile, SequenceError> {
@@ -98,6 +114,11 @@ fn read_rows(file: &TextFile, path: &Path, columns: Columns) -> Result<PoseFile,
             problem => not_rigid.add(format!("{location} {problem}")),
         };
         let pose = columns.pose(&row)?;
+        if let Err(problem @ rigid::RigidTransformError::LastRow { .. }) = pose {
+            return Err(row.error(format!(
+                "the 4x4 matrix {problem}: write it row by row, world from camera"
+            )));
+        }
         let at = match columns.key {
             Key::Order => {
                 in_order.push(pose.map_err(|problem| note(problem, location)).ok());

@@ -6,6 +6,7 @@ use nalgebra::Isometry3;
 use serde::Deserialize;
 
 use super::camera::CameraKeys;
+use crate::DepthValues;
 use crate::calibration::DepthGeometry;
 use crate::rigid;
 
@@ -16,6 +17,7 @@ pub(super) struct DepthSection {
     #[serde(flatten)]
     camera: CameraKeys,
     pub(super) scale: Option<f64>,
+    pub(super) values: Option<DepthValues>,
     pub(super) sigma: Option<PathBuf>,
     pub(super) view: Option<DepthView>,
     color_from_depth: Option<[[f64; 4]; 4]>,

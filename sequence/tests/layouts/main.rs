@@ -10,6 +10,7 @@ mod folder_writers;
 mod folders;
 mod geometry_files;
 mod layouts;
+mod loose_folders;
 mod models;
 mod mutated;
 mod phone_faults;

@@ -10,7 +10,7 @@ use nalgebra::Isometry3;
 
 use super::{Disturbance, RecordingError};
 use crate::load::DepthImage;
-use crate::{ImageSize, Sequence, container};
+use crate::{DepthValues, ImageSize, Sequence, container};
 
 /// Nanoseconds between frames of sequences without times.
 const INTERVAL_NS: i64 = 100_000_000;
@@ -23,7 +23,7 @@ pub(super) struct Source<'a> {
     poses: Vec<Isometry3<f64>>,
     /// Camera of the depth images.
     pub(super) depth_camera: Camera,
-    /// Raw units of the sequence per pose unit.
+    /// Raw units of depth per pose unit: those of the sequence, if it has depth.
     pub(super) depth_scale: f64,
 }
 
@@ -62,7 +62,10 @@ impl<'a> Source<'a> {
             disturbance,
             poses,
             depth_camera: depth.camera.clone(),
-            depth_scale: depth.scale,
+            depth_scale: match depth.values {
+                DepthValues::Depth => depth.scale,
+                DepthValues::InverseDepth | DepthValues::Distance => 1000.0,
+            },
         };
         source.make_folder("")?;
         let failed = |source| RecordingError::Folder {
