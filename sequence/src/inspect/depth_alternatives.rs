@@ -1,6 +1,7 @@
 //! Conventions of depth to test: pose conventions, depth scales, intrinsics.
 
 use linecarve_lines::camera::Camera;
+use rayon::prelude::*;
 
 use super::consistency::DepthPair;
 use super::intrinsics_hypotheses::{
@@ -26,6 +27,10 @@ const COMMON_SCALE: f64 = 0.05;
 /// Ratio of the scales that the search tries first, and their number on either side.
 const SCALE_STEP: f64 = 1.15;
 const SCALE_STEPS: i32 = 66;
+
+/// Of the pixels that are compared, a search takes every so many-th in either direction: first, and around what it found.
+const COARSE: usize = 4;
+const FINE: usize = 2;
 
 /// The best scale must fit this much better than one that makes the motion vanish: otherwise only the rotation fits.
 const BETTER_THAN_ROTATION: f64 = 0.5;
@@ -194,12 +199,12 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Median relative difference, and the number of pixels compared.
-    fn fit(&self, convention: &DepthConvention) -> (f64, usize) {
+    /// Median relative difference, and the number of pixels compared: every `every`-th of those of a pair.
+    fn fit(&self, convention: &DepthConvention, every: usize) -> (f64, usize) {
         let mut relative: Vec<f64> = self
             .pairs
             .iter()
-            .flat_map(|pair| pair.residuals(self.sequence, self.calibration, convention, 2))
+            .flat_map(|pair| pair.residuals(self.sequence, self.calibration, convention, every))
             .map(|residual| residual.1)
             .collect();
         let count = relative.len();
@@ -210,9 +215,12 @@ impl Search<'_> {
     fn best(
         &self,
         conventions: impl Iterator<Item = DepthConvention>,
+        every: usize,
     ) -> Option<(f64, DepthConvention)> {
+        let conventions: Vec<DepthConvention> = conventions.collect();
         let measured: Vec<((f64, usize), DepthConvention)> = conventions
-            .map(|convention| (self.fit(&convention), convention))
+            .into_par_iter()
+            .map(|convention| (self.fit(&convention, every), convention))
             .collect();
         let most = measured.iter().map(|((_, count), _)| *count).max()?;
         measured
@@ -229,10 +237,10 @@ impl Search<'_> {
             ..convention.clone()
         };
         let ladder = (-SCALE_STEPS..=SCALE_STEPS).map(|step| SCALE_STEP.powi(step));
-        let (_, coarse) = self.best(ladder.map(with_factor))?;
+        let (_, coarse) = self.best(ladder.map(with_factor), COARSE)?;
         let fine = (-20..=20).map(|step| coarse.factor * SCALE_STEP.powf(f64::from(step) / 20.0));
-        let (misfit, fine) = self.best(fine.map(with_factor))?;
-        let (of_rotation, _) = self.fit(&with_factor(1e9));
+        let (misfit, fine) = self.best(fine.map(with_factor), FINE)?;
+        let (of_rotation, _) = self.fit(&with_factor(1e9), FINE);
         if misfit >= BETTER_THAN_ROTATION * of_rotation {
             return None;
         }
@@ -255,9 +263,12 @@ impl Search<'_> {
             camera: Some(camera),
             ..convention.clone()
         };
-        let (_, coarse) = self.best(focal_hypotheses(camera, size).into_iter().map(of_camera))?;
+        let (_, coarse) = self.best(
+            focal_hypotheses(camera, size).into_iter().map(of_camera),
+            COARSE,
+        )?;
         let around = refined(coarse.camera.as_ref()?, FOCAL_STEP);
-        let (_, best) = self.best(around.into_iter().map(of_camera))?;
+        let (_, best) = self.best(around.into_iter().map(of_camera), FINE)?;
         let found = best.camera?;
         Some(DepthConvention {
             description: description(camera, &found),
