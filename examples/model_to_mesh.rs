@@ -8,7 +8,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use linecarve::mesh::write_mesh_ply;
-use linecarve::{Input, Options, Reconstruction, Source};
+use linecarve::{Input, Options, Reconstruction, SourceChoice};
 
 fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = std::env::args_os().skip(1).map(PathBuf::from);
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let output = arguments.next().unwrap_or(temporary.join("mesh.ply"));
 
     let mut input = Input::from(&model);
-    input.source = Source::Model;
+    input.source = SourceChoice::MapPoints;
     let mut reconstruction = Reconstruction::open(input, Options::default())?;
     while reconstruction.advance()?.is_some() {}
     let mesh = reconstruction.surface();

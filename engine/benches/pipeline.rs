@@ -9,7 +9,7 @@ use std::path::Path;
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use linecarve_engine::Options;
-use linecarve_engine::front_end::{DepthSource, Keyframe, SensorFrontEnd, median_scene_depth};
+use linecarve_engine::front_end::{Keyframe, SensorFrontEnd, median_scene_depth};
 use linecarve_engine::map::Map;
 use linecarve_lines::depth::{DepthSensor, SensorNoise};
 use linecarve_sequence::{OpenOptions, Sequence};
@@ -28,7 +28,6 @@ fn pipeline(criterion: &mut Criterion) {
         .scale;
     let noise = SensorNoise::relative_at(options.sensor.relative_noise, median_depth, 1.0 / scale);
     let sensor = DepthSensor::registered(sequence.color_camera(), noise);
-    let depth = DepthSource::Sensor(sensor.clone());
     let mut front_end =
         SensorFrontEnd::new(sensor, options.extract(median_depth)).expect("default options hold");
     let keyframes: Vec<Keyframe> = frames
@@ -51,7 +50,7 @@ fn pipeline(criterion: &mut Criterion) {
     group.bench_function("back end, all keyframes", |bench| {
         bench.iter_batched(
             || {
-                Map::of_lines(&options, sequence.color_camera(), &depth, median_depth)
+                Map::of_sensor(&options, sequence.color_camera(), noise, median_depth)
                     .expect("default options hold")
             },
             |mut map| {

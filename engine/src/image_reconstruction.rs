@@ -11,7 +11,7 @@ use linecarve_sequence::ColorImage;
 use nalgebra::Isometry3;
 
 use crate::error::Error;
-use crate::front_end::{DepthSource, FrontEndError, Keyframe, KeyframeImages, SensorFrontEnd};
+use crate::front_end::{FrontEndError, Keyframe, KeyframeImages, SensorFrontEnd};
 use crate::map::{Map, MapUpdate};
 use crate::options::Options;
 use crate::recording::RecordingError;
@@ -95,11 +95,10 @@ impl ImageReconstruction {
         options: Options,
     ) -> Result<Self, Error> {
         options.validate().map_err(RecordingError::from)?;
-        let source = DepthSource::Sensor(sensor.clone());
         Ok(Self {
             camera: camera.clone(),
+            map: Map::of_sensor(&options, camera, sensor.noise, median_depth)?,
             front_end: SensorFrontEnd::new(sensor, options.extract(median_depth))?,
-            map: Map::of_lines(&options, camera, &source, median_depth)?,
             count: 0,
         })
     }
@@ -182,7 +181,7 @@ mod tests {
         let mut run = sample().unwrap();
         while run.advance().unwrap().is_some() {}
         let recording = run.recording();
-        let (sequence, median_depth) = (&recording.sequence, recording.median_depth.unwrap());
+        let (sequence, median_depth) = (&recording.sequence, recording.length_scale());
         let noise = Options::default().sensor.relative_noise;
         let sensor = sequence
             .depth_calibration()

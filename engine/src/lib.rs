@@ -20,11 +20,10 @@ pub mod tracking;
 pub mod video;
 
 pub use error::{Error, SinkError};
+pub use front_end::Source;
 pub use image_reconstruction::{ImageReconstruction, RgbdImage};
 pub use mapper::KeyframeUpdate;
 pub use options::Options;
 pub use questions::{Doubt, QuestionError};
 pub use reconstruction::{Reconstruction, RunOptions, Sink};
-pub use recording::{
-    DepthChoice, Input, Recording, RecordingError, Selection, Source, camera_warning,
-};
+pub use recording::{Input, Recording, RecordingError, Selection, SourceChoice, camera_warning};

@@ -12,13 +12,12 @@ use nalgebra::Isometry3;
 
 use crate::error::{Error, SinkError};
 use crate::front_end::{
-    Arrival, DepthSource, FeatureFrontEnd, FrontEnd, FrontEndError, Group, Keyframe, group_size,
-    run_in_groups,
+    Arrival, FrontEnd, FrontEndError, Group, Keyframe, Source, group_size, run_in_groups,
 };
 use crate::map::{Map, SurfaceChange};
 use crate::mapper::{KeyframeUpdate, Mapper, Taken};
 use crate::options::Options;
-use crate::recording::{Input, Recording, RecordingError, Source};
+use crate::recording::{Input, Recording};
 use crate::run::{CancelToken, Cancelled, Checkpoint};
 
 /// How the loop over keyframes ends before the recording does.
@@ -81,6 +80,8 @@ pub struct RunOptions {
     pub is_at_once: bool,
     /// Whether keyframes are kept in memory, for [`Reconstruction::correct_poses`].
     pub keeps_keyframes: bool,
+    /// Whether segments alone are found and clustered; nothing is carved. For sources of lines.
+    pub is_of_segments: bool,
 }
 
 /// A map that grows with the keyframes of a recording.
@@ -122,15 +123,21 @@ impl Reconstruction {
     /// Begins the reconstruction of a recording, of what `recording.source` says.
     ///
     /// # Errors
-    /// When an option is out of range, or the recording is not prepared for its source.
-    pub fn new(recording: Recording, run: RunOptions) -> Result<Self, Error> {
+    /// When an option is out of range.
+    pub fn new(mut recording: Recording, run: RunOptions) -> Result<Self, Error> {
+        if run.is_of_segments
+            && let Source::SemiDense(source) = &mut recording.source
+        {
+            // Depth between edges is of no use without a surface.
+            source.options.is_dense = false;
+        }
         let checkpoint = run.checkpoint.as_ref();
         let count = recording.keyframes.len();
         let front_end = front_end(&recording, checkpoint, run.is_provisional)?;
-        let map = empty_map(&recording, run.is_at_once)?;
+        let map = empty_map(&recording, &run)?;
         let group = match recording.source {
-            Source::Model if run.is_at_once => count.max(1),
-            Source::Model => 1,
+            Source::Model(_) if run.is_at_once => count.max(1),
+            Source::Model(_) => 1,
             _ => group_size(),
         };
         Ok(Self {
@@ -296,7 +303,7 @@ impl Reconstruction {
                 keyframes[at].set_world_from_camera(shifted);
             }
         }
-        let map = empty_map(&self.recording, self.run.is_at_once)?;
+        let map = empty_map(&self.recording, &self.run)?;
         self.mapper.rebuild(map, &keyframes, &[])?;
         self.keyframes = keyframes;
         Ok(())
@@ -360,7 +367,7 @@ impl Reconstruction {
     pub fn corrected_poses(&self) -> Option<Vec<(usize, Isometry3<f64>)>> {
         let recording = &self.recording;
         let frames = recording.sequence.frames();
-        let is_tracked = recording.is_tracked && recording.source == Source::Lines;
+        let is_tracked = recording.is_tracked && recording.source.is_of_lines();
         if is_tracked || recording.has_corrected_poses() {
             let pose = |&frame: &usize| (frame, frames[frame].world_from_camera);
             return Some(recording.keyframes.iter().map(pose).collect());
@@ -381,66 +388,35 @@ impl Reconstruction {
     }
 }
 
-/// The front end of a recording, for what `recording.source` says.
+/// The front end of a recording.
 ///
 /// # Errors
-/// When an option is out of range, or the recording is not prepared for its source.
+/// When an option is out of range.
 pub(crate) fn front_end(
     recording: &Recording,
     checkpoint: Option<&Checkpoint>,
     is_provisional: bool,
 ) -> Result<FrontEnd, Error> {
-    let options = &recording.options;
-    Ok(match recording.source {
-        Source::Lines | Source::Segments => {
-            let Some(mut depth) = recording.depth.clone() else {
-                return Err(not_prepared("depth"));
-            };
-            if recording.source == Source::Segments
-                && let DepthSource::SemiDense(source) = &mut depth
-            {
-                // Depth between edges is of no use without a surface.
-                source.options.is_dense = false;
-            }
-            let count = recording.keyframes.len();
-            let median_depth = recording.median_depth.unwrap_or(1.0);
-            let extract = options.extract(median_depth);
-            FrontEnd::lines(&depth, count, extract, checkpoint, is_provisional)?
-        }
-        Source::MapPoints => FrontEnd::Features(FeatureFrontEnd::new(options.map_points)),
-        Source::Model => FrontEnd::Views,
-    })
+    let (source, count) = (&recording.source, recording.keyframes.len());
+    let front_end = FrontEnd::new(
+        source,
+        &recording.options,
+        count,
+        checkpoint,
+        is_provisional,
+    )?;
+    Ok(front_end)
 }
 
-/// A map without keyframes for a recording; with `is_at_once` it carves once, if it can.
-fn empty_map(recording: &Recording, is_at_once: bool) -> Result<Map, Error> {
+/// A map without keyframes for a recording.
+fn empty_map(recording: &Recording, run: &RunOptions) -> Result<Map, Error> {
     let (options, sequence) = (&recording.options, &recording.sequence);
-    let scaled = recording.depth.as_ref().zip(recording.median_depth);
-    let mut map = match recording.source {
-        Source::Lines | Source::Segments => {
-            let (depth, median_depth) = scaled.ok_or_else(|| not_prepared("depth"))?;
-            match recording.source {
-                Source::Segments => Map::of_segments(options, median_depth)?,
-                _ => {
-                    let camera = sequence.color_camera();
-                    Map::of_lines(options, camera, depth, median_depth)?
-                }
-            }
-        }
-        Source::MapPoints => Map::of_features(options, sequence, recording.median_depth)?,
-        Source::Model => {
-            let model = recording.model.clone();
-            Map::of_model(options, model.ok_or_else(|| not_prepared("a model"))?)?
-        }
+    let mut map = match recording.source.median_depth() {
+        Some(median_depth) if run.is_of_segments => Map::of_segments(options, median_depth)?,
+        _ => Map::of_source(options, sequence, &recording.source)?,
     };
-    if is_at_once {
+    if run.is_at_once {
         map.defer_carving();
     }
     Ok(map)
-}
-
-fn not_prepared(what: &str) -> Error {
-    Error::Recording(RecordingError::Missing(format!(
-        "the recording was opened without {what}, which its source needs"
-    )))
 }

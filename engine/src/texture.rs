@@ -40,7 +40,7 @@ fn views(run: &Reconstruction) -> (Vec<TextureView>, Vec<Option<usize>>) {
     let frames: Vec<Option<usize>> = run
         .numbers()
         .iter()
-        .map(|&number| match &recording.model {
+        .map(|&number| match recording.source.model() {
             Some(model) => frame_of(sequence, &model.views[recording.keyframes[number]]),
             None => Some(recording.keyframes[number]),
         })

@@ -30,7 +30,7 @@ pub use whole::{PointMesh, mesh_points};
 
 use crate::map::{Map, close_all_holes};
 use crate::options::{HoleFilling, Options};
-use crate::recording::{Input, Recording, Source};
+use crate::recording::{Input, Recording, SourceChoice};
 
 /// Points of a tile when the number of tiles is not given.
 const POINTS_OF_TILE: usize = 1_000_000;
@@ -96,14 +96,14 @@ pub fn plan(
     let is_plain = open.layout.is_none() && open.poses.is_none() && open.calibration.is_none();
     // Others are refused below.
     let is_plain =
-        is_plain && input.source == Source::MapPoints && input.selection.given.is_empty();
+        is_plain && input.source == SourceChoice::MapPoints && input.selection.given.is_empty();
     if is_plain && let Some(cloud) = input.dense_cloud()? {
         ensure_no_sequence(folder)?;
         let work = cloud::plan(&cloud, &options, split, folder)?;
         return Ok(Planned::Model(Box::new(work)));
     }
     let mut recording = Recording::open(input, options)?;
-    let Some(model) = recording.model.take() else {
+    let Some(model) = recording.take_model() else {
         let plan = SequencePlan::create(&recording, input, split, folder)?;
         return Ok(Planned::Sequence(Box::new(plan)));
     };

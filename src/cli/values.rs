@@ -7,9 +7,9 @@ use linecarve_sequence::export::TrajectoryFormat;
 use linecarve_synth::{SceneKind, SequenceLayout};
 
 use crate::sinks::{Format, Growth};
+use linecarve_engine::SourceChoice;
 use linecarve_engine::options::LabelKind;
 use linecarve_engine::tracking::TrackingMode;
-use linecarve_engine::{DepthChoice, Source};
 
 /// Declares the command-line form of a library's enum: the same variants, with help texts and a conversion.
 macro_rules! choice {
@@ -26,20 +26,29 @@ macro_rules! choice {
     };
 }
 
-choice! {
-    /// What a surface is made from.
-    SurfaceSource for Source {
-        /// 3D line segments on the image edges.
-        Lines,
-        /// Sparse points that several views see: those that the sequence brings along, or ORB features of its images. Needs no
-        /// depth images.
-        MapPoints,
+/// What a surface is made from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum SurfaceSource {
+    /// 3D line segments on the image edges.
+    Lines,
+    /// Sparse points that several views see: those that the sequence brings along, or ORB features of its images. Needs no
+    /// depth images.
+    MapPoints,
+}
+
+impl SurfaceSource {
+    /// The source with depth of lines from `depth`.
+    pub fn with_depth(self, depth: DepthArg) -> SourceChoice {
+        match self {
+            Self::Lines => depth.into(),
+            Self::MapPoints => SourceChoice::MapPoints,
+        }
     }
 }
 
 choice! {
     /// Where depth comes from.
-    DepthArg for DepthChoice {
+    DepthArg for SourceChoice {
         /// The sensor's when the sequence has depth images, else semi-dense.
         Auto,
         /// The sensor's.

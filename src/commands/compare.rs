@@ -31,8 +31,7 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
     let mut input = input(
         &args.input,
         &args.selection,
-        args.stages.depth,
-        Source::Lines,
+        args.stages.depth.into(),
         verbosity,
     );
     input.up = args.stages.up;
@@ -41,8 +40,13 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
     warnings.extend(recording.warnings.iter().cloned());
 
     // One after the other, so that their times can be compared.
-    let (lines, recording) = compared_run(recording, Source::Lines, verbosity)?;
-    let (points, recording) = compared_run(recording, Source::MapPoints, verbosity)?;
+    let of_lines = recording.source.clone();
+    let (lines, mut recording) = compared_run(recording, verbosity)?;
+    recording.source = Source::MapPoints {
+        median_depth: of_lines.median_depth(),
+    };
+    let (points, mut recording) = compared_run(recording, verbosity)?;
+    recording.source = of_lines;
     let runs = [lines, points];
     let mut summaries: Vec<SurfaceSummary> = Vec::new();
     for run in &runs {
@@ -93,7 +97,7 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         keyframes: (0..count)
             .map(|number| recording.keyframe_name(number).to_owned())
             .collect(),
-        median_depth: recording.median_depth.unwrap_or(0.0),
+        median_depth: recording.source.median_depth().unwrap_or(0.0),
         ground_truth: truth.map(|truth| truth.summary),
         surfaces: summaries,
         warnings: warnings.list,

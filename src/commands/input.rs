@@ -4,22 +4,21 @@ use std::path::Path;
 
 use anyhow::bail;
 
-use crate::cli::{DepthArg, KeyframeArgs, PresetArg, SequenceArgs, StageArgs};
+use crate::cli::{KeyframeArgs, PresetArg, SequenceArgs, StageArgs};
 use crate::progress::Verbosity;
 use crate::sinks::OutputFolder;
 use crate::standard_error::say;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
 use linecarve_engine::video::{Unpacking, of_video, unpack, unpack_as};
-use linecarve_engine::{Input, Source};
+use linecarve_engine::{Input, SourceChoice};
 use linecarve_sequence::{OpenOptions, Sequence, video_to_unpack};
 
 /// What is to be reconstructed from which source.
 pub fn input(
     args: &SequenceArgs,
     selection: &KeyframeArgs,
-    depth: DepthArg,
-    source: Source,
+    source: SourceChoice,
     verbosity: Verbosity,
 ) -> Input {
     let mut input = Input::from(&args.sequence);
@@ -29,7 +28,6 @@ pub fn input(
     input.selection.max_keyframes = selection.max_keyframes;
     input.selection.given = selection.given();
     input.source = source;
-    input.depth = depth.into();
     input.accept_as_is = args.accept_as_is;
     input.progress = verbosity.hook();
     input

@@ -11,7 +11,7 @@ use crate::sinks::{
     write_poses,
 };
 use linecarve_engine::run::CancelToken;
-use linecarve_engine::{Reconstruction, Recording, RunOptions, Source};
+use linecarve_engine::{Reconstruction, Recording, RunOptions};
 
 pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let started = Instant::now();
@@ -20,14 +20,15 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     let mut input = input(
         &args.input,
         &args.selection,
-        args.stages.depth,
-        Source::Segments,
+        args.stages.depth.into(),
         verbosity,
     );
     input.up = args.stages.up;
     let recording = Recording::open(&input, options)?;
     let mut log = RunLog::begin("lines", &recording, verbosity);
-    let mut run = Reconstruction::new(recording, RunOptions::default())?;
+    let mut settings = RunOptions::default();
+    settings.is_of_segments = true;
+    let mut run = Reconstruction::new(recording, settings)?;
     run.run(CancelToken::default(), &mut [&mut log])?;
 
     let segments = run.segments();

@@ -14,7 +14,7 @@ use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
 use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, ProjectError, Split, Task};
 use linecarve_engine::tiles::{PointMesh, Project, carry_out_all, mesh_points, plan, write_mesh};
-use linecarve_engine::{Input, Source};
+use linecarve_engine::{Input, SourceChoice};
 use linecarve_mesh::{GltfFrame, TriangleMesh, read_geometry};
 
 use super::simplify::format_of;
@@ -94,7 +94,7 @@ fn cloud_of(input: &Path) -> PathBuf {
 
 fn source(input: &Path) -> Input {
     let mut options = Input::from(input);
-    options.source = Source::MapPoints;
+    options.source = SourceChoice::MapPoints;
     options.progress = Verbosity::Quiet.hook();
     options
 }

@@ -7,12 +7,12 @@ use linecarve_mesh::Shape;
 use linecarve_mesh::evaluate::{ObservedShape, ObservedShapeBuilder, ObservedShapeOptions};
 use nalgebra::Point3;
 
-use crate::cli::{DepthArg, EvaluateArgs, SequenceArgs};
+use crate::cli::{EvaluateArgs, SequenceArgs};
 use crate::commands::input::{input, keyframe_options};
 use crate::progress::{Progress, Verbosity};
 use crate::standard_error::say;
 use linecarve_engine::options::Options;
-use linecarve_engine::{Recording, Source};
+use linecarve_engine::{Recording, SourceChoice};
 
 /// Asks the keyframes of a sequence what of the shape they looked at.
 pub(super) fn observe(
@@ -31,13 +31,7 @@ pub(super) fn observe(
         accept_as_is: true,
     };
     let selection = &args.selection;
-    let input = input(
-        &sequence,
-        selection,
-        DepthArg::Sensor,
-        Source::Lines,
-        verbosity,
-    );
+    let input = input(&sequence, selection, SourceChoice::Sensor, verbosity);
     let mut options = Options::default();
     keyframe_options(selection, &mut options);
     let recording = Recording::open(&input, options).with_context(|| {
@@ -47,9 +41,10 @@ pub(super) fn observe(
         )
     })?;
     let (sequence, keyframes) = (&recording.sequence, recording.keyframes.clone());
-    let (Some(calibration), Some(median_depth)) =
-        (sequence.depth_calibration(), recording.median_depth)
-    else {
+    let (Some(calibration), Some(median_depth)) = (
+        sequence.depth_calibration(),
+        recording.source.median_depth(),
+    ) else {
         bail!("--observed {}: there are no depth images", folder.display());
     };
     let frames = sequence.frames();

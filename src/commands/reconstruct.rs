@@ -17,7 +17,7 @@ use crate::sinks::{
 };
 use linecarve_engine::run::{CancelToken, Checkpoint};
 use linecarve_engine::video::is_video;
-use linecarve_engine::{Reconstruction, Recording, RunOptions, Sink, Source};
+use linecarve_engine::{Reconstruction, Recording, RunOptions, Sink};
 
 pub(super) fn run(args: &ReconstructArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let path = &args.input.sequence;
@@ -73,8 +73,8 @@ pub fn reconstruct(
     *labels = args.labels.map_or(*labels, Into::into);
     let simplification = &mut options.simplify;
     simplification.tolerance = args.simplify.or(simplification.tolerance);
-    let (depth, source) = (args.stages.depth, args.from.into());
-    let mut input = input(&args.input, &args.selection, depth, source, verbosity);
+    let source = args.from.with_depth(args.stages.depth);
+    let mut input = input(&args.input, &args.selection, source, verbosity);
     input.up = args.stages.up;
     input.track = args.track;
     if is_video(&input.path) {
@@ -83,7 +83,7 @@ pub fn reconstruct(
         unpack_recorded_video(&input.path, &mut input.open, output.as_mut(), verbosity)?;
     }
     let recording = Recording::open(&input, options)?;
-    let is_model = recording.source == Source::Model;
+    let is_model = recording.source.model().is_some();
     let is_followed = !is_final_only || live.is_some();
     let token = watch(is_model && !is_followed)?;
     let mut log = RunLog::begin("reconstruct", &recording, verbosity);

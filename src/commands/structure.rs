@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use linecarve_engine::run::CancelToken;
 use linecarve_engine::video::is_video;
-use linecarve_engine::{Reconstruction, Recording, RunOptions, Source};
+use linecarve_engine::{Reconstruction, Recording, RunOptions};
 use linecarve_mesh::{GltfFrame, Shape, read_geometry};
 use linecarve_structure::{StructureOptions, StructureSummary};
 use nalgebra::{Point3, Vector3};
@@ -105,13 +105,7 @@ fn of_sequence(
     let mut output = OutputFolder::create(&args.out, &[path])?;
     let mut parameters = base_options(None, args.config.as_deref())?;
     keyframe_options(&args.selection, &mut parameters);
-    let mut input = input(
-        &args.input,
-        &args.selection,
-        args.depth,
-        Source::Lines,
-        verbosity,
-    );
+    let mut input = input(&args.input, &args.selection, args.depth.into(), verbosity);
     input.up = args.up;
     let recording = Recording::open(&input, parameters)?;
     let mut settings = RunOptions::default();

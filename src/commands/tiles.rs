@@ -50,8 +50,8 @@ fn make_plan(args: &TilesPlanArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     *labels = args.labels.map_or(*labels, Into::into);
     keyframe_options(&args.selection, &mut options);
     keep_apart(&args.work, &args.input.sequence)?;
-    let source = args.from.into();
-    let input = input(&args.input, &args.selection, args.depth, source, verbosity);
+    let source = args.from.with_depth(args.depth);
+    let input = input(&args.input, &args.selection, source, verbosity);
     let split = Split {
         tiles: args.tiles,
         halo: args.halo,

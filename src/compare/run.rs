@@ -27,20 +27,18 @@ pub(crate) struct ComparedRun {
     pub(crate) reason_for_nothing: Option<String>,
 }
 
-/// Reconstructs a recording from a source, and gives the recording back.
+/// Reconstructs a recording, and gives it back.
 ///
 /// # Errors
 /// As [`Reconstruction::run`].
 pub(crate) fn compared_run(
-    mut recording: Recording,
-    source: Source,
+    recording: Recording,
     verbosity: Verbosity,
 ) -> anyhow::Result<(ComparedRun, Recording)> {
-    recording.source = source;
     let count = recording.keyframes.len();
-    let (name, label, elements_name) = match source {
-        Source::Lines | Source::Segments => ("lines", "3D lines", "segments"),
-        Source::MapPoints | Source::Model => ("map-points", "map points", "points"),
+    let (name, label, elements_name) = match &recording.source {
+        Source::Sensor { .. } | Source::SemiDense(_) => ("lines", "3D lines", "segments"),
+        Source::MapPoints { .. } | Source::Model(_) => ("map-points", "map points", "points"),
     };
     let mut run = Reconstruction::new(recording, RunOptions::default())?;
     let mut recorder = PageRecorder::new();

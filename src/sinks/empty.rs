@@ -6,10 +6,10 @@ use linecarve_engine::{Reconstruction, Source};
 
 /// The step at which everything was lost, for a run that ends with nothing. `keyframes` is what the report says of each.
 pub(crate) fn reason_for_nothing(run: &Reconstruction, keyframes: &[KeyframeReport]) -> String {
-    match run.recording().source {
-        Source::Lines | Source::Segments => without_lines(run, keyframes),
-        Source::MapPoints => without_points(run),
-        Source::Model => without_model(run),
+    match &run.recording().source {
+        Source::Sensor { .. } | Source::SemiDense(_) => without_lines(run, keyframes),
+        Source::MapPoints { .. } => without_points(run),
+        Source::Model(_) => without_model(run),
     }
 }
 
@@ -31,7 +31,7 @@ fn without_lines(run: &Reconstruction, reports: &[KeyframeReport]) -> String {
         .map(|keyframe| keyframe.edge_depth_share * keyframe.edge_pixels as f64)
         .sum();
     if with_depth < 1.0 {
-        let remedy = if run.recording().depth_name() == "sensor" {
+        let remedy = if run.recording().source.sensor().is_some() {
             "do depth and colour belong together?"
         } else {
             "too few keyframes, no parallax between them, or wrong poses?"

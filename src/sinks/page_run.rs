@@ -44,7 +44,7 @@ impl<'a> PageRun<'a> {
         let size = recording.sequence.color_size();
         let camera = recording.sequence.color_camera();
         let size = (size.width, size.height);
-        Self::with_camera(recording, camera, size, recording.median_depth)
+        Self::with_camera(recording, camera, size, recording.source.median_depth())
     }
 
     /// Keyframes of which names and poses are given. Without a camera, one with a field of view of 65 degrees is drawn.

@@ -73,10 +73,10 @@ impl RunLog {
             .unwrap_or(folder.as_os_str())
             .to_string_lossy();
         let count = recording.keyframes.len();
-        let (from, unit) = match recording.source {
-            Source::Lines | Source::Segments => ("lines", "keyframes"),
-            Source::MapPoints => ("map-points", "keyframes"),
-            Source::Model => ("map-points", "views"),
+        let (from, unit) = match &recording.source {
+            Source::Sensor { .. } | Source::SemiDense(_) => ("lines", "keyframes"),
+            Source::MapPoints { .. } => ("map-points", "keyframes"),
+            Source::Model(_) => ("map-points", "views"),
         };
         Self {
             report: Report {
@@ -89,8 +89,8 @@ impl RunLog {
                     frames: recording.sequence.frames().len(),
                     keyframes: count,
                     skipped: 0,
-                    depth: recording.depth_name(),
-                    median_depth: recording.median_depth.unwrap_or(0.0),
+                    depth: recording.source.depth_name(),
+                    median_depth: recording.source.median_depth().unwrap_or(0.0),
                     origin: recording.origin.into(),
                     up: recording.gltf_frame().up().into(),
                     poses: recording.poses,

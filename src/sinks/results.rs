@@ -22,7 +22,7 @@ use super::surface_page::write_surface_page;
 use crate::progress::Verbosity;
 use linecarve_engine::run::milliseconds;
 use linecarve_engine::texture::texture;
-use linecarve_engine::{Reconstruction, Source, camera_warning};
+use linecarve_engine::{Reconstruction, camera_warning};
 use linecarve_structure::StructureOptions;
 
 /// What is written.
@@ -85,7 +85,7 @@ pub(crate) fn write_results(
     result.cells = carved.cells;
     result.vertices = mesh.positions.len();
     result.triangles = mesh.triangles.len();
-    result.surface_milliseconds = (recording.source == Source::Model).then_some(extracted);
+    result.surface_milliseconds = recording.source.model().map(|_| extracted);
     result.carving_milliseconds = map.final_carving().map(milliseconds);
     result.camera_correction = correction;
     result.reprojection_rms_px = points
@@ -105,7 +105,7 @@ pub(crate) fn write_results(
         // Drawn before the origin is added again: ray casts want coordinates near zero.
         let marks = match &cloud {
             Some(cloud) => {
-                let share = if recording.source == Source::Model {
+                let share = if recording.source.model().is_some() {
                     0.004
                 } else {
                     0.006

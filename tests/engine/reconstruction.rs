@@ -4,12 +4,12 @@ use std::path::Path;
 
 use crate::program::small_sequence;
 use linecarve::run::CancelToken;
-use linecarve::{Input, Options, Reconstruction, Recording, RunOptions, Source};
+use linecarve::{Input, Options, Reconstruction, Recording, RunOptions, SourceChoice};
 use nalgebra::Vector3;
 
 const FRAMES: usize = 6;
 
-fn recording(path: &Path, source: Source) -> Recording {
+fn recording(path: &Path, source: SourceChoice) -> Recording {
     let mut input = Input::from(path);
     input.source = source;
     input.selection.every = Some(1);
@@ -26,10 +26,10 @@ fn begin(recording: Recording) -> Reconstruction {
 fn a_run_goes_on_where_single_steps_ended() {
     let folder = small_sequence(FRAMES, "tum");
     let path = folder.path().join("sequence");
-    let mut whole = begin(recording(&path, Source::Lines));
+    let mut whole = begin(recording(&path, SourceChoice::Auto));
     whole.run(CancelToken::default(), &mut []).expect("a run");
     for steps in [1, 3, FRAMES] {
-        let mut stepped = begin(recording(&path, Source::Lines));
+        let mut stepped = begin(recording(&path, SourceChoice::Auto));
         for _ in 0..steps {
             assert!(stepped.advance().expect("a step").is_some());
         }
@@ -45,9 +45,9 @@ fn carving_once_gives_the_same_surface() {
     let folder = small_sequence(FRAMES, "tum");
     let path = folder.path().join("sequence");
     for (source, least_measured_share) in [
-        (Source::MapPoints, 0.3),
-        (Source::Lines, 0.0),
-        (Source::Lines, 0.3),
+        (SourceChoice::MapPoints, 0.3),
+        (SourceChoice::Auto, 0.0),
+        (SourceChoice::Auto, 0.3),
     ] {
         let finished = |is_at_once| {
             let mut recording = recording(&path, source);
@@ -72,7 +72,7 @@ fn carving_once_gives_the_same_surface() {
 fn corrected_poses_give_the_map_of_a_run_over_them() {
     let folder = small_sequence(FRAMES, "tum");
     let path = folder.path().join("sequence");
-    for source in [Source::Lines, Source::MapPoints] {
+    for source in [SourceChoice::Auto, SourceChoice::MapPoints] {
         let mut moved = recording(&path, source);
         let mut poses = Vec::new();
         for number in [1, 4] {

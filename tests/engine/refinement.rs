@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::program::{contents, expect_status, small_sequence};
 use linecarve::Options;
 use linecarve::front_end::{
-    Arrival, DepthSource, FrontEnd, Keyframe, SemiDenseSource, group_size, run_in_groups,
+    Arrival, FrontEnd, Keyframe, SemiDenseSource, Source, group_size, run_in_groups,
 };
 use linecarve::map::Map;
 use linecarve::options::SemiDenseStage;
@@ -17,15 +17,19 @@ const FRAMES: usize = 12;
 /// About that of the boxes, in metres.
 const MEDIAN_DEPTH: f64 = 2.5;
 
-fn arrivals(sequence: &Sequence, is_with_first: bool) -> Vec<(usize, Arrival)> {
-    let source = DepthSource::SemiDense(Box::new(SemiDenseSource {
+fn source() -> SemiDenseSource {
+    SemiDenseSource {
         options: SemiDenseStage::default(),
         median_depth: MEDIAN_DEPTH,
-    }));
+    }
+}
+
+fn arrivals(sequence: &Sequence, is_with_first: bool) -> Vec<(usize, Arrival)> {
+    let source = Source::SemiDense(Box::new(source()));
     let frames: Vec<usize> = (0..FRAMES).collect();
     let mut arrivals = Vec::new();
-    let extract = Options::default().extract(1.0);
-    let mut front_end = FrontEnd::lines(&source, frames.len(), extract, None, is_with_first)
+    let options = Options::default();
+    let mut front_end = FrontEnd::new(&source, &options, frames.len(), None, is_with_first)
         .expect("default options are in range");
     let collect = |number, arrival| {
         arrivals.push((number, arrival));
@@ -46,11 +50,7 @@ fn arrivals(sequence: &Sequence, is_with_first: bool) -> Vec<(usize, Arrival)> {
 
 fn map(sequence: &Sequence) -> Map {
     let options = Options::default();
-    let source = DepthSource::SemiDense(Box::new(SemiDenseSource {
-        options: options.semi_dense,
-        median_depth: MEDIAN_DEPTH,
-    }));
-    Map::of_lines(&options, sequence.color_camera(), &source, MEDIAN_DEPTH)
+    Map::of_semi_dense(&options, sequence.color_camera(), &source())
         .expect("default options are in range")
 }
 

@@ -1,21 +1,19 @@
 //! Keyframes of lines that come one by one, and whose poses change.
 
-use linecarve_lines::{ExtractError, ExtractOptions};
+use linecarve_lines::ExtractError;
 use linecarve_sequence::Sequence;
 use nalgebra::Isometry3;
 
-use super::{Arrival, Arrivals, DepthSource, FrontEnd, FrontEndError, Keyframe};
+use super::{Arrival, Arrivals, FrontEnd, FrontEndError, Keyframe, Source};
+use crate::options::Options;
 
 impl FrontEnd {
-    /// A front end for an unknown number of keyframes, with depth from `source`.
+    /// A front end for an unknown number of keyframes, of a source.
     ///
     /// # Errors
     /// When an option is out of range.
-    pub(crate) fn live(
-        source: &DepthSource,
-        options: ExtractOptions,
-    ) -> Result<Self, ExtractError> {
-        Self::lines(source, 0, options, None, true)
+    pub(crate) fn live(source: &Source, options: &Options) -> Result<Self, ExtractError> {
+        Self::new(source, options, 0, None, true)
     }
 
     /// Adds a frame of the sequence as the next keyframe; returns all arrivals that became due. Without pose changes these are the arrivals of

@@ -6,7 +6,6 @@
 mod colors;
 mod confidence_noise;
 mod depth_layers;
-mod depth_source;
 mod edge_points;
 mod error;
 mod feature_scale;
@@ -19,16 +18,17 @@ mod placed_poses;
 mod scale;
 mod semi_dense;
 mod sensor;
+mod source;
 
 use std::ops::Range;
 
 use linecarve_lines::ExtractError;
-use linecarve_lines::ExtractOptions;
 use linecarve_sequence::Sequence;
 use rayon::prelude::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::options::Options;
 use crate::run::Checkpoint;
 
 pub use colors::KeyframeColors;
@@ -36,7 +36,6 @@ pub use confidence_noise::ClassSummary;
 pub use depth_layers::{
     KeyframeDepths, LayerSummary, class_noise, measure_confidence, read_keyframe_depth,
 };
-pub use depth_source::{DepthSource, SemiDenseSource};
 pub use edge_points::EdgePoint;
 pub use error::FrontEndError;
 pub(crate) use feature_scale::median_feature_depth;
@@ -50,6 +49,7 @@ pub use scale::{median_depth, median_scene_depth};
 pub use semi_dense::SemiDenseFrontEnd;
 pub(crate) use sensor::KeyframeImages;
 pub use sensor::SensorFrontEnd;
+pub use source::{SemiDenseSource, Source};
 
 /// A result of a front end.
 #[derive(Debug)]
@@ -92,27 +92,34 @@ pub(crate) struct Group<'a> {
 }
 
 impl FrontEnd {
-    /// A front end for segments with depth from `source`. `checkpoint` may hold some of `count` keyframes. With
-    /// `emits_provisional` keyframes with a first depth estimate are returned, too.
+    /// The front end of a source. `checkpoint` may hold some of `count` keyframes. With `emits_provisional` keyframes with a first depth
+    /// estimate are returned, too.
     ///
     /// # Errors
     /// When an option is out of range.
-    pub fn lines(
-        source: &DepthSource,
+    pub fn new(
+        source: &Source,
+        options: &Options,
         count: usize,
-        options: ExtractOptions,
         checkpoint: Option<&Checkpoint>,
         emits_provisional: bool,
     ) -> Result<Self, ExtractError> {
         Ok(match source {
-            DepthSource::Sensor(sensor) => {
-                Self::Sensor(Box::new(SensorFrontEnd::new(sensor.clone(), options)?))
+            Source::Sensor {
+                sensor,
+                median_depth,
+            } => {
+                let extract = options.extract(*median_depth);
+                Self::Sensor(Box::new(SensorFrontEnd::new(sensor.clone(), extract)?))
             }
-            DepthSource::SemiDense(source) => {
+            Source::SemiDense(source) => {
+                let extract = options.extract(source.median_depth);
                 let front_end =
-                    SemiDenseFrontEnd::new(source, count, options, checkpoint, emits_provisional)?;
+                    SemiDenseFrontEnd::new(source, count, extract, checkpoint, emits_provisional)?;
                 Self::SemiDense(Box::new(front_end))
             }
+            Source::MapPoints { .. } => Self::Features(FeatureFrontEnd::new(options.map_points)),
+            Source::Model(_) => Self::Views,
         })
     }
 

@@ -58,7 +58,7 @@ pub(super) struct LineMap {
 }
 
 impl LineMap {
-    /// An empty map; arguments as in [`Map::of_lines`](super::Map::of_lines).
+    /// An empty map; arguments as in [`Map::of_sensor`](super::Map::of_sensor).
     ///
     /// # Errors
     /// When an option is out of range.

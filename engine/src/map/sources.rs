@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use linecarve_carving::{Carver, CarverOptions, Hull};
 use linecarve_lines::camera::Camera;
+use linecarve_lines::depth::SensorNoise;
 use linecarve_sequence::{Sequence, SparseModel};
 
 use super::contents::Contents;
@@ -13,7 +14,7 @@ use super::observed::ObservedMap;
 use super::points::FeatureMap;
 use super::segment_map::SegmentMap;
 use super::{Map, MapError};
-use crate::front_end::DepthSource;
+use crate::front_end::{SemiDenseSource, Source};
 use crate::options::{LandmarkOptions, Options};
 
 impl Map {
@@ -30,57 +31,82 @@ impl Map {
         ))
     }
 
-    /// An empty map of segments observed by `camera` with depth of this source; `median_depth` is in units of the poses.
+    /// An empty map of a source. A model is in it with the first keyframe.
+    ///
+    /// # Errors
+    /// When an option is out of range, or an observation of a model names a view that does not exist.
+    pub fn of_source(
+        options: &Options,
+        sequence: &Sequence,
+        source: &Source,
+    ) -> Result<Self, MapError> {
+        let camera = sequence.color_camera();
+        match source {
+            Source::Sensor {
+                sensor,
+                median_depth,
+            } => Self::of_sensor(options, camera, sensor.noise, *median_depth),
+            Source::SemiDense(source) => Self::of_semi_dense(options, camera, source),
+            Source::MapPoints { median_depth } => {
+                Self::of_features(options, sequence, *median_depth)
+            }
+            Source::Model(model) => Self::of_model(options, Arc::clone(model)),
+        }
+    }
+
+    /// An empty map of segments observed by `camera` with depth images; `median_depth` is in units of the poses.
     ///
     /// Depth images confirm or reject each triangle, those on the convex hull of all points too: a wall that is measured
-    /// without error lies on it. Without them, or when nothing is compared with them, nothing says that there is a surface on the hull, and none is exported.
+    /// without error lies on it. When nothing is compared with them, nothing says that there is a surface on the hull, and none is exported.
     ///
     /// # Errors
     /// When an option is out of range.
-    pub fn of_lines(
+    pub fn of_sensor(
         options: &Options,
         camera: &Camera,
-        depth: &DepthSource,
+        noise: SensorNoise,
         median_depth: f64,
     ) -> Result<Self, MapError> {
         let mut options = options.clone();
-        let is_dense = match depth {
-            DepthSource::Sensor(_) => true,
-            DepthSource::SemiDense(source) => source.options.is_dense,
-        };
-        if !is_dense {
-            options.surface.least_measured_share = 0.0;
-        }
-        if let DepthSource::SemiDense(source) = depth {
-            let source = &source.options;
-            options.surface_points.refine.largest_gap_px = source.largest_gap_px;
-            if source.is_dense {
-                options.surface_points.agreement_sigmas = source.agreement_sigmas;
-                options.surface_points.refine.bound_sigmas = source.refine_sigmas;
-                options.landmarks = LandmarkOptions {
-                    lateral_px: source.lateral_px,
-                    depth_sigmas: source.agreement_sigmas,
-                    ..options.landmarks
-                };
-            }
-        }
-        let is_sensor = matches!(depth, DepthSource::Sensor(_));
-        let lines = LineMap::new(&options, camera, depth.noise(), median_depth, is_sensor)?;
-        match depth {
-            DepthSource::Sensor(_) => {
-                options.surface.keep_hull |= options.surface.least_measured_share > 0.0;
-            }
-            DepthSource::SemiDense(source) if source.options.is_dense => {
-                let largest = source.options.longest_edge_share;
-                let longest = &mut options.surface.longest_edge_share;
-                *longest = longest.map(|share| share.min(largest));
-            }
-            DepthSource::SemiDense(_) => {}
-        }
+        let lines = LineMap::new(&options, camera, noise, median_depth, true)?;
+        options.surface.keep_hull |= options.surface.least_measured_share > 0.0;
         let contents = Contents::Lines(Box::new(lines));
         let mut map = Self::new(&options, contents, Some(median_depth));
-        map.has_depth_images = is_sensor;
+        map.has_depth_images = true;
         Ok(map)
+    }
+
+    /// An empty map of segments observed by `camera` with depth from neighbouring keyframes. There is no surface on the convex hull.
+    ///
+    /// # Errors
+    /// When an option is out of range.
+    pub fn of_semi_dense(
+        options: &Options,
+        camera: &Camera,
+        source: &SemiDenseSource,
+    ) -> Result<Self, MapError> {
+        let mut options = options.clone();
+        let (stage, median_depth) = (&source.options, source.median_depth);
+        options.surface_points.refine.largest_gap_px = stage.largest_gap_px;
+        if stage.is_dense {
+            options.surface_points.agreement_sigmas = stage.agreement_sigmas;
+            options.surface_points.refine.bound_sigmas = stage.refine_sigmas;
+            options.landmarks = LandmarkOptions {
+                lateral_px: stage.lateral_px,
+                depth_sigmas: stage.agreement_sigmas,
+                ..options.landmarks
+            };
+        } else {
+            options.surface.least_measured_share = 0.0;
+        }
+        let lines = LineMap::new(&options, camera, source.noise(), median_depth, false)?;
+        if stage.is_dense {
+            let largest = stage.longest_edge_share;
+            let longest = &mut options.surface.longest_edge_share;
+            *longest = longest.map(|share| share.min(largest));
+        }
+        let contents = Contents::Lines(Box::new(lines));
+        Ok(Self::new(&options, contents, Some(median_depth)))
     }
 
     /// An empty map of points triangulated from features of `sequence`. Without `median_depth` the length scale is that of

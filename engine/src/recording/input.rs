@@ -14,29 +14,19 @@ use crate::questions::QuestionError;
 use crate::run::ProgressHook;
 use crate::tracking::TrackError;
 
-/// What a map is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub enum Source {
-    /// 3D line segments, and points between them where depth is dense.
-    Lines,
-    /// 3D line segments alone; nothing is carved.
-    Segments,
-    /// Map points triangulated from ORB features.
-    MapPoints,
-    /// The points of a model, with the views that see them.
-    Model,
-}
-
-/// Where the depth of segments comes from.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum DepthChoice {
-    /// The depth images when the sequence has some, else neighbouring keyframes.
+/// What a map is asked to be made of. [`Source`](crate::Source) is what was found.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum SourceChoice {
+    /// 3D line segments, and points between them where depth is dense. Depth comes from depth images when the sequence has some, else from
+    /// neighbouring keyframes.
     #[default]
     Auto,
-    /// Depth images.
+    /// The same with depth images.
     Sensor,
-    /// Neighbouring keyframes.
+    /// The same with depth from neighbouring keyframes.
     SemiDense,
+    /// The points that the sequence brings along, with the views that see them; else map points triangulated from ORB features.
+    MapPoints,
 }
 
 /// Which frames become keyframes, beside [`Options::keyframes`](crate::Options::keyframes).
@@ -63,10 +53,8 @@ pub struct Input {
     pub open: OpenOptions,
     /// Which frames become keyframes.
     pub selection: Selection,
-    /// What the map is made of. [`Source::MapPoints`] becomes [`Source::Model`] when the sequence brings points along.
-    pub source: Source,
-    /// Where the depth of segments comes from.
-    pub depth: DepthChoice,
+    /// What the map is made of.
+    pub source: SourceChoice,
     /// Whether poses are found from the images although the recording may have some. Without poses they are in any case, where
     /// there is depth.
     pub track: bool,
@@ -101,8 +89,7 @@ impl<P: AsRef<Path>> From<P> for Input {
             path: path.as_ref().to_owned(),
             open: OpenOptions::default(),
             selection: Selection::default(),
-            source: Source::Lines,
-            depth: DepthChoice::Auto,
+            source: SourceChoice::Auto,
             track: false,
             accept_as_is: false,
             up: None,

@@ -4,7 +4,7 @@ use nalgebra::Isometry3;
 
 use super::{Recording, RecordingError};
 use crate::front_end::{
-    DepthSource, ImagePosesError, KeyframeDepths, LayerSummary, class_noise, measure_confidence,
+    ImagePosesError, KeyframeDepths, LayerSummary, class_noise, measure_confidence,
     read_keyframe_depth,
 };
 use crate::run::ProgressHook;
@@ -21,7 +21,7 @@ impl Recording {
     /// When an image cannot be read, and the error is not limited to it.
     pub fn compare_depth(&mut self, progress: &ProgressHook) -> Result<(), RecordingError> {
         let is_corrected = self.options.pose_correction.enabled && !self.is_tracked;
-        let Some(DepthSource::Sensor(sensor)) = &self.depth else {
+        let Some(sensor) = self.source.sensor() else {
             return Ok(());
         };
         if !is_corrected && !self.sequence.has_confidence() {

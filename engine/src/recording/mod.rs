@@ -16,7 +16,7 @@ use linecarve_sequence::{Sequence, SparseModel, every_nth, read_keyframe_list, s
 use nalgebra::{Isometry3, Vector3};
 
 use crate::front_end::{
-    ClassSummary, DepthSource, LayerSummary, PoseSummary, median_feature_depth, median_scene_depth,
+    ClassSummary, LayerSummary, PoseSummary, Source, median_feature_depth, median_scene_depth,
 };
 use crate::options::Options;
 use crate::questions::{ROLES_OF_SURFACE, ask};
@@ -24,7 +24,7 @@ use crate::run::{ProgressHook, RunDescription};
 use crate::tracking::open_or_track;
 
 pub use fit::camera_warning;
-pub use input::{DepthChoice, Input, RecordingError, Selection, Source};
+pub use input::{Input, RecordingError, Selection, SourceChoice};
 pub(crate) use origin::{PointExtent, model_origin};
 pub(crate) use precision::Precision;
 pub(crate) use prepared::PreparedRecording;
@@ -36,14 +36,10 @@ pub struct Recording {
     pub sequence: Sequence,
     /// The parameters of all stages.
     pub options: Options,
-    /// What the map is to be made of.
+    /// What the map is to be made of. A model is moved here from the sequence.
     pub source: Source,
     /// Positions of the keyframes in the sequence; for a model the numbers of its views.
     pub keyframes: Vec<usize>,
-    /// Where the depth of segments comes from; `None` for points.
-    pub depth: Option<DepthSource>,
-    /// Median scene depth in units of the poses, the length scale of all thresholds; `None` when only the points will tell.
-    pub median_depth: Option<f64>,
     /// Subtracted from all coordinates during computation; zero unless coordinates are far from zero.
     pub origin: Vector3<f64>,
     /// How far poses and images disagree, when depth comes from the images.
@@ -52,8 +48,6 @@ pub struct Recording {
     pub layers: Option<LayerSummary>,
     /// What each class of confidence of depth images is worth; empty without confidence.
     pub confidence: Vec<ClassSummary>,
-    /// The model that is carved, in the frame of computation. It is moved here from the sequence, and the map shares it.
-    pub model: Option<Arc<SparseModel>>,
     /// Up in the frame of the poses, if it was given.
     pub up: Option<Vector3<f64>>,
     /// Whether poses were found from the images; frames without one are left out.
@@ -89,61 +83,58 @@ impl Recording {
             let asked = ask(&opened.sequence, &ROLES_OF_SURFACE, input.accept_as_is)?;
             warnings.extend(asked);
         }
-        let mut recording = Self::new(opened.sequence, options, input.source);
+        let source = Source::MapPoints { median_depth: None };
+        let mut recording = Self::new(opened.sequence, options, source);
         recording.warnings = warnings;
         recording.is_tracked = opened.is_tracked;
         recording.up = input.up.map(Vector3::from);
         match input.source {
-            Source::Lines | Source::Segments => recording.prepare_lines(input)?,
-            Source::MapPoints | Source::Model => match recording.sequence.take_sparse_model() {
+            SourceChoice::MapPoints => match recording.sequence.take_sparse_model() {
                 Some(model) => recording.prepare_model(input, model)?,
                 None => recording.prepare_features(input)?,
             },
+            SourceChoice::Auto | SourceChoice::Sensor | SourceChoice::SemiDense => {
+                recording.prepare_lines(input)?;
+            }
         }
         Ok(recording)
     }
 
-    /// A sequence of which nothing is known yet.
+    /// A sequence without keyframes.
     fn new(sequence: Sequence, options: Options, source: Source) -> Self {
         Self {
             sequence,
             options,
             source,
             keyframes: Vec::new(),
-            depth: None,
-            median_depth: None,
             origin: Vector3::zeros(),
             poses: None,
             layers: None,
             confidence: Vec::new(),
-            model: None,
             up: None,
             is_tracked: false,
             warnings: Vec::new(),
         }
     }
 
-    /// The recording of lines whose frames are all keyframes, with depth from this source at this median scene depth. As for every recording,
-    /// poses and depth are compared with the images, and corrected where these contradict them. Without `origin` it is chosen.
+    /// The recording of lines whose frames are all keyframes. As for every recording, poses and depth are compared with the images, and corrected where these contradict them. Without `origin` it is chosen.
     ///
     /// # Errors
     /// When an image cannot be read, and the error is not limited to it.
     pub(crate) fn of_keyframes(
         sequence: Sequence,
         options: Options,
-        (depth, median_depth): (DepthSource, f64),
+        source: Source,
         is_tracked: bool,
         origin: Option<Vector3<f64>>,
     ) -> Result<Self, RecordingError> {
-        let mut recording = Self::new(sequence, options, Source::Lines);
+        let mut recording = Self::new(sequence, options, source);
         recording.keyframes = (0..recording.sequence.frames().len()).collect();
-        recording.depth = Some(depth);
-        recording.median_depth = Some(median_depth);
         recording.is_tracked = is_tracked;
         recording.correct_by_images(&ProgressHook::default())?;
         match origin {
             Some(origin) => recording.origin = origin,
-            None => recording.choose_origin(median_depth),
+            None => recording.choose_origin(recording.length_scale()),
         }
         Ok(recording)
     }
@@ -156,8 +147,8 @@ impl Recording {
             )));
         }
         self.limit_image_size();
-        let median_depth = self.choose_depth(input.depth)?;
-        self.median_depth = Some(median_depth);
+        self.choose_depth(input.source)?;
+        let median_depth = self.length_scale();
         self.choose_keyframes(input, median_depth)?;
         self.correct_by_images(&input.progress)?;
         self.choose_origin(median_depth);
@@ -166,31 +157,30 @@ impl Recording {
 
     /// Compares the keyframes with each other: their images, or their depth images.
     fn correct_by_images(&mut self, progress: &ProgressHook) -> Result<(), RecordingError> {
-        match &self.depth {
-            Some(DepthSource::Sensor(_)) => self.compare_depth(progress),
-            Some(DepthSource::SemiDense(_)) if self.options.pose_correction.enabled => {
+        match &self.source {
+            Source::Sensor { .. } => self.compare_depth(progress),
+            Source::SemiDense(_) if self.options.pose_correction.enabled => {
                 self.correct_poses(progress)
             }
             _ => Ok(()),
         }
     }
 
-    /// The depth source that was asked for, with the median scene depth.
-    fn choose_depth(&mut self, choice: DepthChoice) -> Result<f64, RecordingError> {
+    /// Takes the source of depth that was asked for.
+    fn choose_depth(&mut self, choice: SourceChoice) -> Result<(), RecordingError> {
         let folder = self.sequence.folder().display();
         let missing = |text: String| Err(RecordingError::Missing(text));
         let all: Vec<usize> = (0..self.sequence.frames().len()).collect();
         let has_images = self.sequence.depth_calibration().is_some();
-        if choice == DepthChoice::Sensor && !has_images {
+        if choice == SourceChoice::Sensor && !has_images {
             return missing(format!(
                 "{folder} has no depth images (layout {}): --depth semi-dense estimates depth from the images",
                 self.sequence.layout()
             ));
         }
-        let is_semi_dense = choice == DepthChoice::SemiDense || !has_images;
-        let depth =
-            DepthSource::of_frames(&self.sequence, &all, is_semi_dense, None, &self.options)?;
-        let Some((source, median_depth)) = depth else {
+        let is_semi_dense = choice == SourceChoice::SemiDense || !has_images;
+        let found = Source::of_frames(&self.sequence, &all, is_semi_dense, None, &self.options)?;
+        let Some(source) = found else {
             return missing(match is_semi_dense {
                 true => format!(
                     "{folder}: no depth can be estimated from the images looked at: their edges do not match along the \
@@ -203,23 +193,26 @@ impl Recording {
                 ),
             });
         };
-        self.depth = Some(source);
-        Ok(median_depth)
+        self.source = source;
+        Ok(())
     }
 
     fn prepare_features(&mut self, input: &Input) -> Result<(), RecordingError> {
-        self.source = Source::MapPoints;
         self.limit_image_size();
         let all: Vec<usize> = (0..self.sequence.frames().len()).collect();
-        if self.sequence.depth_calibration().is_some() {
-            self.median_depth = median_scene_depth(&self.sequence, &all)?;
-        }
+        let measured = match self.sequence.depth_calibration() {
+            Some(_) => median_scene_depth(&self.sequence, &all)?,
+            None => None,
+        };
+        self.source = Source::MapPoints {
+            median_depth: measured,
+        };
         let selection = &input.selection;
         let chosen = &self.options.keyframes;
         let is_depth_needed = selection.every.is_none()
             && selection.list.is_none()
             && (chosen.translation.is_none() || chosen.min_overlap.is_some());
-        let median_depth = match self.median_depth {
+        let median_depth = match measured {
             Some(depth) => depth,
             None if is_depth_needed => {
                 let depth = median_feature_depth(&self.sequence, &self.options.map_points)?;
@@ -244,7 +237,6 @@ impl Recording {
         input: &Input,
         mut model: SparseModel,
     ) -> Result<(), RecordingError> {
-        self.source = Source::Model;
         if let Some(option) = input.selection.given.first() {
             return Err(RecordingError::Missing(format!(
                 "{option} has no meaning here: the sequence brings points with the views that see them, and all of them are \
@@ -264,7 +256,7 @@ impl Recording {
         self.shift_to(model_origin(&model.views, &extent));
         self.keyframes = (0..model.views.len()).collect();
         model.translate(&-self.origin);
-        self.model = Some(Arc::new(model));
+        self.source = Source::Model(Arc::new(model));
         Ok(())
     }
 
@@ -312,15 +304,14 @@ impl Recording {
         let folder = self.sequence.folder();
         let folder = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
         let source = match self.source {
-            Source::Lines => "lines",
-            Source::Segments => "segments",
-            Source::MapPoints => "map-points",
-            Source::Model => "model",
+            Source::Sensor { .. } | Source::SemiDense(_) => "lines",
+            Source::MapPoints { .. } => "map-points",
+            Source::Model(_) => "model",
         };
         let mut text = format!(
             "linecarve {}\nfrom {source} with depth {}\nsequence {}\nlayout {}\noptions {:?}\ncolor camera {:?}\ndepth camera {:?}\n",
             env!("CARGO_PKG_VERSION"),
-            self.depth_name(),
+            self.source.depth_name(),
             folder.display(),
             self.sequence.layout(),
             self.options,
@@ -366,7 +357,7 @@ impl Recording {
     /// When there is no such keyframe.
     pub fn keyframe_name(&self, number: usize) -> &str {
         let index = self.keyframes[number];
-        match &self.model {
+        match self.source.model() {
             Some(model) => &model.views[index].name,
             None => &self.sequence.frames()[index].name,
         }
@@ -374,7 +365,7 @@ impl Recording {
 
     /// Pose of each keyframe in the frame of computation: `point_in_map = pose * point_in_camera`.
     pub fn keyframe_poses(&self) -> Vec<Isometry3<f64>> {
-        let pose = |&index: &usize| match &self.model {
+        let pose = |&index: &usize| match self.source.model() {
             Some(model) => model.views[index].world_from_camera,
             None => {
                 let mut pose = self.sequence.frames()[index].world_from_camera;
@@ -394,8 +385,15 @@ impl Recording {
         GltfFrame::upright(self.origin, &up)
     }
 
-    /// Name of the depth source in reports.
-    pub fn depth_name(&self) -> &'static str {
-        self.depth.as_ref().map_or("none", DepthSource::name)
+    /// Median scene depth, the length scale of all thresholds; 1 when only the points will tell.
+    pub fn length_scale(&self) -> f64 {
+        self.source.median_depth().unwrap_or(1.0)
+    }
+
+    /// Takes the model out, if there is one.
+    pub(crate) fn take_model(&mut self) -> Option<Arc<SparseModel>> {
+        let model = self.source.model().cloned()?;
+        self.source = Source::MapPoints { median_depth: None };
+        Some(model)
     }
 }

@@ -7,9 +7,9 @@ use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::{Input, Recording, RecordingError, Source};
+use super::{Input, Recording, RecordingError, SourceChoice};
 use crate::configuration::Configuration;
-use crate::front_end::DepthSource;
+use crate::front_end::Source;
 
 /// A recording of a sequence without its images: keyframes, length scale, origin, and what the images corrected.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -24,10 +24,10 @@ pub(crate) struct PreparedRecording {
     #[serde(default)]
     video_images: Option<PathBuf>,
     configuration: Configuration,
-    source: Source,
+    /// Of lines with depth from neighbouring keyframes, or of map points.
+    source: SourceChoice,
     /// Positions of the keyframes in the sequence.
     keyframes: Vec<usize>,
-    is_semi_dense: bool,
     median_depth: Option<f64>,
     origin: [f64; 3],
     fit: Option<Fit>,
@@ -57,16 +57,18 @@ impl PreparedRecording {
                 "its poses are found from the images: track it first (linecarve track), and plan with --poses",
             );
         }
-        let is_semi_dense = match (&recording.depth, recording.source) {
-            (Some(DepthSource::SemiDense(_)), Source::Lines) => true,
-            (None, Source::MapPoints) => false,
-            (Some(DepthSource::Sensor(_)), Source::Lines) => {
+        let source = match &recording.source {
+            Source::SemiDense(_) => SourceChoice::SemiDense,
+            Source::MapPoints { .. } => SourceChoice::MapPoints,
+            Source::Sensor { .. } => {
                 return refused(
                     "each depth image is compared with the surface so far, which tiles do not have, and the final surface is fused \
                      from the images, not carved: use linecarve reconstruct, or plan with --depth semi-dense or --from map-points",
                 );
             }
-            _ => return refused("only surfaces of lines and map points are planned"),
+            Source::Model(_) => {
+                return refused("only surfaces of lines and map points are planned");
+            }
         };
         let configuration = Configuration::of(&recording.options);
         if configuration.options() != recording.options {
@@ -95,10 +97,9 @@ impl PreparedRecording {
             calibration: absolute(&input.open.calibration),
             video_images: absolute(&input.open.video_images),
             configuration,
-            source: recording.source,
+            source,
             keyframes: recording.keyframes.clone(),
-            is_semi_dense,
-            median_depth: recording.median_depth,
+            median_depth: recording.source.median_depth(),
             origin: recording.origin.into(),
             fit,
         })
@@ -111,7 +112,7 @@ impl PreparedRecording {
 
     /// Whether the map is made of lines.
     pub(crate) fn is_of_lines(&self) -> bool {
-        self.source == Source::Lines
+        self.source == SourceChoice::SemiDense
     }
 
     /// The parameters that users set.
@@ -150,11 +151,12 @@ impl PreparedRecording {
                 sequence.set_fitted_poses(keyframes().zip(poses.iter().map(|[_, fitted]| *fitted)));
             }
         }
-        let mut recording = Recording::new(sequence, options, self.source);
+        let source = match self.median_depth {
+            Some(depth) if self.is_of_lines() => Source::semi_dense(&options, depth),
+            median_depth => Source::MapPoints { median_depth },
+        };
+        let mut recording = Recording::new(sequence, options, source);
         recording.keyframes = self.keyframes.clone();
-        let depth = self.median_depth.filter(|_| self.is_semi_dense);
-        recording.depth = depth.map(|depth| DepthSource::semi_dense(&recording.options, depth));
-        recording.median_depth = self.median_depth;
         recording.origin = Vector3::from(self.origin);
         Ok(recording)
     }

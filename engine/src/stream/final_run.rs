@@ -6,7 +6,7 @@ use super::SessionError;
 use super::message::{DepthKind, PoseKind, StartMessage};
 use super::session_map::NewestKeyframe;
 use crate::error::SinkError;
-use crate::front_end::{DepthSource, FrontEndError};
+use crate::front_end::{FrontEndError, Source};
 use crate::map::Map;
 use crate::mapper::{KeyframeUpdate, Mapper};
 use crate::options::Options;
@@ -50,8 +50,8 @@ pub(super) fn recording_of(
     let frames: Vec<usize> = (0..sequence.frames().len()).collect();
     let is_semi_dense = start.depth_source == DepthKind::SemiDense;
     let given = start.median_depth;
-    let depth = DepthSource::of_frames(&sequence, &frames, is_semi_dense, given, options)?;
-    let depth = depth.ok_or(match is_semi_dense {
+    let source = Source::of_frames(&sequence, &frames, is_semi_dense, given, options)?;
+    let source = source.ok_or(match is_semi_dense {
         true => SessionError::WithoutScale {
             keyframes: frames.len(),
         },
@@ -59,7 +59,7 @@ pub(super) fn recording_of(
     })?;
     let is_tracked = start.poses == PoseKind::Track;
     let origin = start.origin.map(Into::into);
-    let recording = Recording::of_keyframes(sequence, options.clone(), depth, is_tracked, origin)?;
+    let recording = Recording::of_keyframes(sequence, options.clone(), source, is_tracked, origin)?;
     Ok(Some(recording))
 }
 

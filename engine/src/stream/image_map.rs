@@ -11,7 +11,7 @@ use super::live_mapping::{LiveMapping, empty_map};
 use super::message::{DepthKind, StartMessage};
 use super::session_keyframes::SessionKeyframes;
 use super::session_map::{NewestKeyframe, SessionMap, SessionState};
-use crate::front_end::{DepthSource, far_origin};
+use crate::front_end::{Source, far_origin};
 use crate::map::{Map, SurfaceChange};
 use crate::mapper::Mapper;
 use crate::options::Options;
@@ -46,8 +46,8 @@ impl SessionState for ImageMap {
 
     fn median_depth(&self) -> Option<f64> {
         match self.recording() {
-            Some(recording) => recording.median_depth,
-            None => Some(self.mapping.as_ref()?.median_depth),
+            Some(recording) => recording.source.median_depth(),
+            None => self.mapping.as_ref()?.source.median_depth(),
         }
     }
 
@@ -134,8 +134,7 @@ impl SessionMap for ImageMap {
                 for pose in changes.values_mut().flatten() {
                     pose.translation.vector -= mapping.mapper.origin();
                 }
-                let (depth, median_depth) = (&mapping.depth, mapping.median_depth);
-                let empty_map = empty_maps(&self.live, depth, median_depth, options);
+                let empty_map = empty_maps(&self.live, &mapping.source, options);
                 let mapper = &mut mapping.mapper;
                 self.keyframes.change(&changes, mapper, empty_map)?;
             }
@@ -151,7 +150,7 @@ impl SessionMap for ImageMap {
         let Some(mapping) = &mut self.mapping else {
             return Ok(());
         };
-        let empty_map = empty_maps(&self.live, &mapping.depth, mapping.median_depth, options);
+        let empty_map = empty_maps(&self.live, &mapping.source, options);
         self.keyframes.settle(most, &mut mapping.mapper, empty_map)
     }
 
@@ -299,8 +298,8 @@ impl ImageMap {
                 return Ok(());
             }
         }
-        let depth = DepthSource::of_frames(sequence, &frames, is_semi_dense, given, options)?;
-        let Some(depth) = depth else {
+        let found = Source::of_frames(sequence, &frames, is_semi_dense, given, options)?;
+        let Some(source) = found else {
             return match is_semi_dense {
                 true => Ok(()),
                 false => Err(SessionError::FirstWithoutDepth { id }),
@@ -312,9 +311,12 @@ impl ImageMap {
         };
         let origin = match self.start.origin {
             Some(origin) => origin.into(),
-            None => far_origin(frames.iter().map(position), depth.1),
+            None => {
+                let median_depth = source.median_depth().unwrap_or(1.0);
+                far_origin(frames.iter().map(position), median_depth)
+            }
         };
-        self.mapping = Some(LiveMapping::begin(options, &self.live, depth, origin)?);
+        self.mapping = Some(LiveMapping::begin(options, &self.live, source, origin)?);
         for frame in frames {
             if let Err(error) = self.estimate(id, frame, options) {
                 self.mapping = None;
@@ -330,8 +332,7 @@ impl ImageMap {
         let Some(mapping) = &mut self.mapping else {
             return Ok(());
         };
-        let (depth, median_depth) = (&mapping.depth, mapping.median_depth);
-        let map = empty_map(options, self.live.sequence(), depth, median_depth)?;
+        let map = empty_map(options, self.live.sequence(), &mapping.source)?;
         self.keyframes.rebuild(&mut mapping.mapper, map)
     }
 
@@ -357,9 +358,9 @@ impl ImageMap {
 
     /// Whether the map is that of a run over this recording, but for estimates that wait.
     fn is_run_of(&self, recording: &Recording) -> bool {
-        let bits = |depth: f64| depth.to_bits();
+        let bits = |source: &Source| source.median_depth().map(f64::to_bits);
         let is_same = |mapping: &LiveMapping| {
-            recording.median_depth.map(bits) == Some(bits(mapping.median_depth))
+            bits(&recording.source) == bits(&mapping.source)
                 && recording.origin == mapping.mapper.origin()
         };
         !self.is_changed
@@ -395,12 +396,11 @@ impl ImageMap {
 /// Makes maps without keyframes.
 fn empty_maps<'a>(
     live: &'a LiveSequence,
-    depth: &DepthSource,
-    median_depth: f64,
+    source: &Source,
     options: &'a Options,
 ) -> impl Fn() -> Result<Map, SessionError> + use<'a> {
-    let depth = depth.clone();
-    move || empty_map(options, live.sequence(), &depth, median_depth)
+    let source = source.clone();
+    move || empty_map(options, live.sequence(), &source)
 }
 
 /// Checks that the carver accepts the camera position. Otherwise it would only fail later, with its estimate.

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::SessionError;
 use super::session_keyframes::SessionKeyframes;
-use crate::front_end::{Arrival, DepthSource, FrontEnd, Keyframe};
+use crate::front_end::{Arrival, FrontEnd, Keyframe, Source};
 use crate::map::Map;
 use crate::mapper::{Mapper, Taken};
 use crate::options::Options;
@@ -14,8 +14,7 @@ use linecarve_sequence::{LiveSequence, Sequence};
 pub(super) struct LiveMapping {
     pub(super) front_end: FrontEnd,
     pub(super) mapper: Mapper,
-    pub(super) depth: DepthSource,
-    pub(super) median_depth: f64,
+    pub(super) source: Source,
 }
 
 impl LiveMapping {
@@ -23,18 +22,17 @@ impl LiveMapping {
     pub(super) fn begin(
         options: &Options,
         live: &LiveSequence,
-        (depth, median_depth): (DepthSource, f64),
+        source: Source,
         origin: Vector3<f64>,
     ) -> Result<Self, SessionError> {
-        let mut map = empty_map(options, live.sequence(), &depth, median_depth)?;
+        let mut map = empty_map(options, live.sequence(), &source)?;
         map.keep_measurements();
         let mut mapper = Mapper::new(map, origin);
         mapper.follow_surface();
         Ok(Self {
-            front_end: FrontEnd::live(&depth, options.extract(median_depth))?,
+            front_end: FrontEnd::live(&source, options)?,
             mapper,
-            depth,
-            median_depth,
+            source,
         })
     }
 
@@ -85,9 +83,7 @@ fn frame_of(keyframe: &Keyframe) -> Option<usize> {
 pub(super) fn empty_map(
     options: &Options,
     sequence: &Sequence,
-    depth: &DepthSource,
-    median_depth: f64,
+    source: &Source,
 ) -> Result<Map, SessionError> {
-    let camera = sequence.color_camera();
-    Ok(Map::of_lines(options, camera, depth, median_depth)?)
+    Ok(Map::of_source(options, sequence, source)?)
 }

@@ -9,13 +9,13 @@ use linecarve_tiles::{PlanOptions, merged_mesh, run, run_item};
 use crate::map::Map;
 use crate::options::{LabelKind, Options};
 use crate::reconstruction::{Reconstruction, RunOptions};
-use crate::recording::{Input, Recording, Source};
+use crate::recording::{Input, Recording, SourceChoice};
 use crate::run::CancelToken;
 
 /// Seeds whose splits differ, also those into two tiles.
 const SEEDS: [u64; 2] = [0, 2];
 
-fn input(path: PathBuf, source: Source) -> Input {
+fn input(path: PathBuf, source: SourceChoice) -> Input {
     Input {
         source,
         ..Input::from(path)
@@ -63,7 +63,7 @@ fn assert_splits_agree(map: &Map, name: &str, counts: &[usize]) {
 fn splits_of_the_sample_leave_the_mesh_of_one_process() {
     let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("../assets/room");
     for (labels, counts) in [(LabelKind::Votes, [2, 7]), (LabelKind::Cut, [1, 64])] {
-        let mut input = input(room.clone(), Source::MapPoints);
+        let mut input = input(room.clone(), SourceChoice::MapPoints);
         input.selection.every = Some(2);
         let recording = Recording::open(&input, options(labels)).unwrap();
         let mut run = Reconstruction::new(recording, RunOptions::default()).unwrap();
@@ -83,9 +83,9 @@ fn splits_of_recorded_models_leave_the_mesh_of_one_process() {
         ("euroc-v101/colmap", LabelKind::Cut, 7),
     ] {
         let path = Path::new(&data).join(model);
-        let input = input(path, Source::MapPoints);
+        let input = input(path, SourceChoice::MapPoints);
         let mut recording = Recording::open(&input, options(labels)).unwrap();
-        let model_points = recording.model.take().unwrap();
+        let model_points = recording.take_model().unwrap();
         let mut map = Map::of_model(&recording.options, model_points).unwrap();
         map.defer_carving();
         map.enter_model().unwrap();

@@ -51,7 +51,7 @@ pub fn mesh_points(
         return of_cloud(&cloud, &options, is_closed, folder).map(Some);
     }
     let mut recording = Recording::open(input, options)?;
-    let Some(model) = recording.model.take() else {
+    let Some(model) = recording.take_model() else {
         return Ok(None);
     };
     let model = std::sync::Arc::unwrap_or_clone(model);

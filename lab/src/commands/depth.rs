@@ -99,12 +99,8 @@ fn measure(folder: &Path, args: &DepthArgs) -> anyhow::Result<Row> {
 
 /// The final keyframes of a recording.
 fn surfaces(recording: &Recording) -> anyhow::Result<Vec<LineKeyframe>> {
-    let source = recording.depth.as_ref().context("depth was not prepared")?;
-    let extract = recording
-        .options
-        .extract(recording.median_depth.unwrap_or(1.0));
-    let frames = &recording.keyframes;
-    let mut front_end = FrontEnd::lines(source, frames.len(), extract, None, false)?;
+    let (options, frames) = (&recording.options, &recording.keyframes);
+    let mut front_end = FrontEnd::new(&recording.source, options, frames.len(), None, false)?;
     let mut keyframes = Vec::new();
     let take = |_, arrival| -> Result<(), FrontEndError> {
         if let Arrival::Final(Ok(Keyframe::Lines(keyframe))) = arrival {

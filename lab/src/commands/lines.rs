@@ -3,14 +3,14 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
+use linecarve::Recording;
 use linecarve::cli::{Cli, Command};
 use linecarve::commands::input::{input, parameters};
 use linecarve::commands::{self as product, Outcome};
-use linecarve::front_end::{DepthSource, FrontEndError};
+use linecarve::front_end::FrontEndError;
 use linecarve::progress::{Progress, Verbosity};
 use linecarve::report::KeyframeReport;
 use linecarve::run::{StageTimes, milliseconds};
-use linecarve::{Recording, Source};
 use linecarve_lab::baselines::{Findings, LineMethod, Method, MethodOptions, PosedKeyframe};
 use linecarve_lines::depth::InverseDepthMap;
 use linecarve_lines::image::GrayImage;
@@ -41,21 +41,15 @@ pub(super) fn run(
         .with_context(|| format!("cannot make the folder {}", args.out.display()))?;
     let options = parameters(&args.stages, &args.selection)?;
     let depth = args.stages.depth;
-    let input = input(
-        &args.input,
-        &args.selection,
-        depth,
-        Source::Segments,
-        verbosity,
-    );
+    let input = input(&args.input, &args.selection, depth.into(), verbosity);
     let recording = Recording::open(&input, options)?;
-    let has_sensor = matches!(recording.depth, Some(DepthSource::Sensor(_)));
+    let has_sensor = recording.source.sensor().is_some();
     ensure!(
         has_sensor || !method.needs_depth(),
         "the method {method} works on depth images, which {} does not have or which --depth leaves out",
         args.input.sequence.display()
     );
-    let unit = recording.median_depth.unwrap_or(1.0);
+    let unit = recording.length_scale();
     let mut runner = method.build(&MethodOptions {
         extract: recording.options.extract(unit),
         paper: PaperOptions::with_unit(unit),
@@ -127,8 +121,7 @@ fn load(recording: &Recording, frame: usize, method: Method) -> Result<Loaded, F
     if !method.needs_depth() {
         return Ok(loaded);
     }
-    let (Some(depth), Some(DepthSource::Sensor(sensor))) =
-        (sequence.load_depth(frame)?, &recording.depth)
+    let (Some(depth), Some(sensor)) = (sequence.load_depth(frame)?, recording.source.sensor())
     else {
         return Err(FrontEndError::WithoutDepth { frame: name() });
     };

@@ -69,7 +69,7 @@ impl<'a> Output<'a> {
             // A matched line comes from several keyframes already.
             return Ok(());
         }
-        let median_depth = self.recording.median_depth.unwrap_or(1.0);
+        let median_depth = self.recording.length_scale();
         let options = self.recording.options.cluster;
         let lines = cluster_lines(self.method, ends, options, median_depth)?;
         let mut clusters = LineSet::from_segments(lines);
@@ -104,8 +104,8 @@ impl<'a> Output<'a> {
                 frames: sequence.frames().len(),
                 keyframes: recording.keyframes.len(),
                 skipped: recording.keyframes.len() - keyframes.len(),
-                depth: recording.depth_name(),
-                median_depth: recording.median_depth.unwrap_or(0.0),
+                depth: recording.source.depth_name(),
+                median_depth: recording.source.median_depth().unwrap_or(0.0),
                 origin: recording.origin.into(),
                 up: recording.gltf_frame().up().into(),
                 layers: None,

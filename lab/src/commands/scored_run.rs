@@ -6,7 +6,6 @@ use std::time::Instant;
 use anyhow::{Context, bail, ensure};
 use linecarve::cli::{DepthArg, KeyframeArgs, SequenceArgs, StageArgs};
 use linecarve::commands::input::{input, parameters};
-use linecarve::front_end::DepthSource;
 use linecarve::map::Map;
 use linecarve::progress::Verbosity;
 use linecarve::run::{CancelToken, StageTimes};
@@ -88,7 +87,7 @@ pub(super) fn open_with(
     let mut options = parameters(&stages, selection)?;
     change(&mut options);
     let quiet = Verbosity::Quiet;
-    let input = input(&folder, selection, stages.depth, Source::Lines, quiet);
+    let input = input(&folder, selection, stages.depth.into(), quiet);
     Ok(Recording::open(&input, options)?)
 }
 
@@ -144,11 +143,9 @@ pub(super) fn f_scores(evaluation: &Evaluation) -> Vec<f64> {
 /// The part of a mesh that the depth images of the keyframes observed.
 pub(super) fn observe(mesh: &Shape, recording: &Recording) -> anyhow::Result<ObservedShape> {
     let (sequence, frames) = (&recording.sequence, recording.sequence.frames());
-    let (Some(DepthSource::Sensor(_)), Some(calibration), Some(median_depth)) = (
-        &recording.depth,
-        sequence.depth_calibration(),
-        recording.median_depth,
-    ) else {
+    let (Source::Sensor { median_depth, .. }, Some(calibration)) =
+        (&recording.source, sequence.depth_calibration())
+    else {
         bail!("{}: there are no depth images", sequence.folder().display());
     };
     let world_from_depth =
@@ -158,7 +155,7 @@ pub(super) fn observe(mesh: &Shape, recording: &Recording) -> anyhow::Result<Obs
         .iter()
         .map(|&frame| Point3::from(world_from_depth(frame).translation.vector))
         .collect();
-    let options = ObservedShapeOptions::at_depth(median_depth);
+    let options = ObservedShapeOptions::at_depth(*median_depth);
     let mut observer = ObservedShapeBuilder::new(mesh, &eyes, &options)?;
     for &frame in &recording.keyframes {
         match sequence.load_depth(frame) {

@@ -22,9 +22,9 @@ use schedule::{Schedule, Task};
 use surface_fusion::{MeasuredKeyframe, SurfaceFusion};
 
 use super::colors::KeyframeColors;
-use super::depth_source::SemiDenseSource;
 use super::error::FrontEndError;
 use super::keyframe::{Keyframe, LineKeyframe};
+use super::source::SemiDenseSource;
 use super::{Arrival, Arrivals, Group, group_size};
 use crate::run::Checkpoint;
 use linecarve_sequence::Sequence;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use linecarve_synth::{CityOptions, write_city};
 
 use super::*;
-use crate::recording::Source;
+use crate::recording::SourceChoice;
 use crate::{Reconstruction, RunOptions, run::CancelToken};
 
 fn city(points: usize, folder: &Path) -> Input {
@@ -15,7 +15,7 @@ fn city(points: usize, folder: &Path) -> Input {
 
 fn input(path: PathBuf) -> Input {
     Input {
-        source: Source::MapPoints,
+        source: SourceChoice::MapPoints,
         ..Input::from(path)
     }
 }
@@ -43,9 +43,9 @@ fn the_mesh_is_that_of_a_reconstruction() {
     assert!(streamed.mesh.positions == expected.positions);
     assert!(streamed.mesh.triangles == expected.triangles);
     // A model that is read as a whole.
-    let recording = Recording::open(&input, Options::default()).unwrap();
+    let mut recording = Recording::open(&input, Options::default()).unwrap();
     let (origin, options) = (recording.origin, recording.options.clone());
-    let model = std::sync::Arc::unwrap_or_clone(recording.model.unwrap());
+    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
     let read = of_model(model, &options, origin, false).unwrap();
     assert!(read.mesh == streamed.mesh);
     assert_eq!(read.counts, streamed.counts);
@@ -126,9 +126,9 @@ fn hostile_clouds_end() {
     let folder = tempfile::tempdir().unwrap();
     let at = city(3000, folder.path());
     let whole = mesh_of(&at, false);
-    let recording = Recording::open(&at, Options::default()).unwrap();
+    let mut recording = Recording::open(&at, Options::default()).unwrap();
     let options = recording.options.clone();
-    let model = std::sync::Arc::unwrap_or_clone(recording.model.unwrap());
+    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
     let mesh = |model: SparseModel| {
         let made = of_model(model, &options, Vector3::zeros(), false).unwrap();
         (made.mesh.triangles.len(), made)
@@ -175,9 +175,9 @@ fn hostile_clouds_end() {
 fn points_at_one_position_cost_one_point() {
     let folder = tempfile::tempdir().unwrap();
     let at = city(2000, folder.path());
-    let recording = Recording::open(&at, Options::default()).unwrap();
+    let mut recording = Recording::open(&at, Options::default()).unwrap();
     let options = recording.options.clone();
-    let model = std::sync::Arc::unwrap_or_clone(recording.model.unwrap());
+    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
     let mut many = model.clone();
     many.points = (0..100).flat_map(|_| model.points.clone()).collect();
     let made = of_model(many, &options, Vector3::zeros(), false).unwrap();

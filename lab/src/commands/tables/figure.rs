@@ -7,7 +7,6 @@ use image::{Rgb, RgbImage, imageops};
 use linecarve::cli::StageArgs;
 use linecarve::commands::Outcome;
 use linecarve::commands::input::{input, parameters};
-use linecarve::front_end::DepthSource;
 use linecarve::progress::Verbosity;
 use linecarve::{Recording, Source};
 use linecarve_lab::tables::methods::MethodRun;
@@ -59,16 +58,10 @@ pub(in crate::commands) fn run(args: &FigureArgs, verbosity: Verbosity) -> anyho
         format: Vec::new(),
         json: false,
     };
-    let input = input(
-        &args.input,
-        &args.selection,
-        args.depth,
-        Source::Segments,
-        verbosity,
-    );
+    let input = input(&args.input, &args.selection, args.depth.into(), verbosity);
     let recording = Recording::open(&input, parameters(&stages, &args.selection)?)?;
     let mut results = methods::run(&recording, verbosity)?;
-    if let Some(DepthSource::SemiDense(source)) = &recording.depth {
+    if let Source::SemiDense(source) = &recording.source {
         let runs = methods::run_semi_dense(&recording, source, &mut results, verbosity)?;
         results.runs.extend(runs);
     }

@@ -3,10 +3,10 @@
 use std::time::Instant;
 
 use anyhow::{Context, ensure};
-use linecarve::front_end::{DepthSource, SemiDenseSource, median_depth_from_images};
+use linecarve::front_end::{SemiDenseSource, median_depth_from_images};
 use linecarve::progress::{Progress, Verbosity};
 use linecarve::run::milliseconds;
-use linecarve::{DepthChoice, Input, Recording, Selection};
+use linecarve::{Input, Recording, Selection, SourceChoice};
 use linecarve_lab::baselines::{Method, MethodOptions};
 use linecarve_lab::tables::methods::{MethodRun, Runs, StageTime, clustered};
 use linecarve_lines::paper::PaperOptions;
@@ -33,7 +33,7 @@ pub(super) struct Results {
 
 /// Median scene depth, which recordings of lines have.
 pub(super) fn median_depth(recording: &Recording) -> f64 {
-    recording.median_depth.unwrap_or(1.0)
+    recording.length_scale()
 }
 
 fn method_options(recording: &Recording) -> MethodOptions {
@@ -50,10 +50,7 @@ pub(super) fn run(recording: &Recording, verbosity: Verbosity) -> anyhow::Result
     let options = method_options(recording);
     let mut matched = Runs::new(&[Method::Matched], None, &options)?;
     let mut sensor_runs = Runs::new(&WITH_DEPTH, Some("sensor"), &options)?;
-    let sensor = match &recording.depth {
-        Some(DepthSource::Sensor(sensor)) => Some(sensor),
-        _ => None,
-    };
+    let sensor = recording.source.sensor();
     let mut frames = Vec::new();
     let mut warnings = Vec::new();
     let mut depth_milliseconds = 0.0;
@@ -150,7 +147,7 @@ pub(super) fn corrected(
     let mut every_frame = input;
     every_frame.selection = Selection::default();
     every_frame.selection.every = Some(1);
-    every_frame.depth = DepthChoice::Sensor;
+    every_frame.source = SourceChoice::Sensor;
     let mut corrected = Recording::open(&every_frame, recording.options.clone())?;
     corrected.keyframes.clone_from(&results.frames);
     if corrected.options.pose_correction.enabled {

@@ -12,7 +12,6 @@ use anyhow::{Context, bail, ensure};
 use linecarve::cli::{DepthArg, StageArgs};
 use linecarve::commands::Outcome;
 use linecarve::commands::input::{input, parameters};
-use linecarve::front_end::DepthSource;
 use linecarve::progress::Verbosity;
 use linecarve::{Recording, Source};
 use linecarve_lab::tables::methods::MethodRun;
@@ -37,22 +36,16 @@ pub(super) fn run(args: &TablesArgs, verbosity: Verbosity) -> anyhow::Result<Out
         format: Vec::new(),
         json: args.json,
     };
-    let input = input(
-        &args.input,
-        &args.selection,
-        args.depth,
-        Source::Segments,
-        verbosity,
-    );
+    let input = input(&args.input, &args.selection, args.depth.into(), verbosity);
     let recording = Recording::open(&input, parameters(&stages, &args.selection)?)?;
     let mut results = methods::run(&recording, verbosity)?;
     let mut second = None;
-    match &recording.depth {
-        Some(DepthSource::SemiDense(source)) => {
+    match &recording.source {
+        Source::SemiDense(source) => {
             let runs = methods::run_semi_dense(&recording, source, &mut results, verbosity)?;
             results.runs.extend(runs);
         }
-        Some(DepthSource::Sensor(_)) if args.depth == DepthArg::Auto => {
+        Source::Sensor { .. } if args.depth == DepthArg::Auto => {
             if let Some(source) = methods::second_source(&recording, &mut results.warnings) {
                 let corrected = methods::corrected(input, &recording, &mut results, verbosity)?;
                 let runs = methods::run_semi_dense(&corrected, &source, &mut results, verbosity)?;
