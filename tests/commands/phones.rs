@@ -208,3 +208,31 @@ fn a_recording_is_not_written_without_depth_or_over_files() {
         stderr(&output)
     );
 }
+
+/// Poses that are off are corrected from the depth images, and are no other convention.
+#[test]
+fn noise_of_poses_is_corrected_and_no_contradiction() {
+    let folder = tempfile::tempdir().unwrap();
+    let room = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/room");
+    let truth = room.join("ground-truth-observed.ply");
+    let disturbed = folder.path().join("disturbed");
+    expect_status(
+        0,
+        [
+            "convert",
+            text(&room),
+            "--to",
+            "scannet",
+            "--error-position",
+            "0.02",
+            "--error-rotation",
+            "1",
+            "--out",
+            text(&disturbed),
+        ],
+    );
+    let whole = f_score(&mesh_of(&room, folder.path(), &[]), &truth);
+    let other = tempfile::tempdir().unwrap();
+    let corrected = f_score(&mesh_of(&disturbed, other.path(), &[]), &truth);
+    assert!(corrected > whole - 0.05, "{corrected} of {whole}");
+}

@@ -14,7 +14,7 @@ use linecarve_tracking::{LayerAlignment, align_layers, compare_layers};
 const FIRST_PAIRS: usize = 8;
 
 impl Recording {
-    /// Compares the depth of 16 keyframes and, if they disagree or have a confidence, of all. Corrects their poses and the scale and
+    /// Compares the depth of 16 keyframes and, if these can be brought closer or have a confidence, of all. Corrects their poses and the scale and
     /// shift of their depth where held-back overlaps say that their surfaces then agree, and measures what classes of confidence are worth.
     ///
     /// # Errors
@@ -36,8 +36,8 @@ impl Recording {
         let first = first_compared(&self.keyframes);
         if !self.sequence.has_confidence() && first.len() < self.keyframes.len() {
             let KeyframeDepths { layers, .. } = read(&first)?;
-            let alignment = compare_layers(&layers);
-            if !alignment.exceeds_noise() {
+            let alignment = align_layers(&layers);
+            if alignment.model.is_none() {
                 self.layers = Some(LayerSummary::of(&layers, &alignment));
                 task.set(self.keyframes.len());
                 return Ok(());

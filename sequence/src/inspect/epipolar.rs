@@ -119,7 +119,10 @@ pub(super) fn contradiction(sequence: &Sequence, pairs: &[CornerPair<'_>]) -> Op
     if matched.fits_as_read() {
         return None;
     }
-    matched.facts()?.contradiction()
+    let facts = matched.facts()?;
+    // What does not fit either proves no other convention: the poses are inaccurate.
+    let fits = facts.better()?.median_px < BAD * facts.width as f64;
+    fits.then(|| facts.contradiction()).flatten()
 }
 
 /// Whether matched corners fit the poses as read; `None` if there are too few matches.

@@ -53,9 +53,10 @@ const ADAPTED: usize = 3;
 const RICHER: f64 = 0.9;
 /// Or if it needs so much less motion of the cameras for the same distances.
 const LESS_MOTION: f64 = 0.7;
-/// Layers are taken as given unless their distance is so many times what noise makes of it. Below that, the bias of real sensors, which bends
-/// surfaces, would move cameras by more than they are off. Tuned on the kitchen of 7-Scenes: 1.8 times, and cameras would move by 4 cm.
-const BEYOND_NOISE: f64 = 3.0;
+/// Layers are taken as given unless their distance is so many times what noise makes of it.
+const BEYOND_NOISE: f64 = 1.5;
+/// Distances are never expected to be smaller than this share of what the noise of depth makes of them: that of rendered depth.
+const SMALLEST_NOISE: f32 = 0.05;
 /// A correction is worth having if held-back layers are closer by this factor.
 const WORTH: f64 = 0.7;
 /// First standard deviations: translation as a share of the depth, rotation, relative scale, and shifts relative to the depth.
@@ -294,7 +295,7 @@ impl Estimation<'_> {
             *placement = moved(placement, step);
         }
         let median = upper_median(&mut medians, f32::total_cmp)?;
-        Some((median / MEDIAN_OVER_SIGMA).max(1.0))
+        Some((median / MEDIAN_OVER_SIGMA).max(SMALLEST_NOISE))
     }
 
     /// How a layer differs from the given one.

@@ -22,9 +22,6 @@ const ROBUST_SIGMAS: f32 = 2.5;
 /// Fewest pixels that say anything about a pair.
 const MIN_PIXELS: usize = 60;
 
-/// A pair counts like at most so many pixels that err independently of each other: bias of the depth is that of regions, not of pixels.
-const INDEPENDENT: f64 = 60.0;
-
 /// Normal equations of a pair: first the unknowns of its first layer, then those of its second one.
 pub(super) struct PairEquations {
     pub(super) normal: SMatrix<f64, BOTH, BOTH>,
@@ -149,8 +146,8 @@ pub(super) fn equations(
     if sizes.len() < MIN_PIXELS {
         return None;
     }
-    // Errors of neighbouring pixels are much alike.
-    let share = (INDEPENDENT / sizes.len() as f64).min(1.0);
+    // The bias of depth is that of the whole image: a pair says as much as one pixel, with the error that distances are seen to have.
+    let share = 1.0 / (sizes.len() as f64 * f64::from(noise * noise));
     equations.normal *= share;
     equations.gradient *= share;
     equations.median = upper_median(&mut sizes, f32::total_cmp)?;
