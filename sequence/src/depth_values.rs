@@ -65,7 +65,10 @@ impl DepthValues {
         let width = image.width();
         for (at, value) in image.samples_mut().iter_mut().enumerate() {
             if *value > 0.0 {
-                let ray = ray_length(camera, at % width, at / width);
+                let ray = match self {
+                    Self::Distance => ray_length(camera, at % width, at / width),
+                    Self::Depth | Self::InverseDepth => 1.0,
+                };
                 *value = self.depth(f64::from(*value), ray) as f32;
             }
         }

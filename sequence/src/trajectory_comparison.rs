@@ -10,8 +10,7 @@ use serde::Serialize;
 
 use crate::export::posed_images;
 use crate::parse_stamp_ns;
-use crate::poses::{PoseFileFormat, Poses, read_pose_file};
-use crate::text::{Stamp, TimeUnit};
+use crate::poses::{Poses, read_pose_file};
 use crate::{OpenOptions, Sequence, SequenceError};
 
 /// Largest time difference of associated poses, as in the tools of the TUM benchmark.
@@ -142,7 +141,7 @@ impl TimedPoses {
         let file = read_pose_file(path)?;
         let mut poses: Vec<(i64, Isometry3<f64>)> = match file.poses {
             Poses::Stamped(rows) => {
-                let unit = unit_of(file.format, &rows);
+                let unit = file.format.unit_of(&rows);
                 rows.into_iter()
                     .filter_map(|(stamp, pose)| Some((stamp.in_nanoseconds(unit)?, pose)))
                     .collect()
@@ -298,22 +297,6 @@ impl TimedPoses {
                 .collect(),
         })
     }
-}
-
-/// The unit of the stamps of a file: whole numbers of EuRoC's format are nanoseconds, also of a clock that was started a short time ago;
-/// else the notation says it, unless the times would not fit.
-fn unit_of(format: PoseFileFormat, rows: &[(Stamp, Isometry3<f64>)]) -> TimeUnit {
-    let all = |test: &dyn Fn(&Stamp) -> bool| rows.iter().all(|(stamp, _)| test(stamp));
-    if format == PoseFileFormat::EurocCsv && all(&|stamp| stamp.whole_number().is_some()) {
-        return TimeUnit::Nanosecond;
-    }
-    let written = rows
-        .first()
-        .map_or(TimeUnit::Second, |(stamp, _)| stamp.unit_as_written());
-    std::iter::once(written)
-        .chain(TimeUnit::ALL)
-        .find(|unit| all(&|stamp| stamp.in_nanoseconds(*unit).is_some()))
-        .unwrap_or(written)
 }
 
 /// A time in nanoseconds, and the pose then.

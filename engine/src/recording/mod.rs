@@ -117,7 +117,8 @@ impl Recording {
         }
     }
 
-    /// The recording of lines whose frames are all keyframes. As for every recording, poses and depth are compared with the images, and corrected where these contradict them. Without `origin` it is chosen.
+    /// The recording of lines whose frames are all keyframes. As for every recording, poses and depth are compared with the images, and
+    /// corrected where these contradict them. Without `origin` it is chosen.
     ///
     /// # Errors
     /// When an image cannot be read, and the error is not limited to it.

@@ -62,8 +62,8 @@ impl PreparedRecording {
             Source::MapPoints { .. } => SourceChoice::MapPoints,
             Source::Sensor { .. } => {
                 return refused(
-                    "each depth image is compared with the surface so far, which tiles do not have, and the final surface is fused \
-                     from the images, not carved: use linecarve reconstruct, or plan with --depth semi-dense or --from map-points",
+                    "each depth image is compared with the surface so far, which tiles do not have: use linecarve reconstruct, or plan \
+                     with --depth semi-dense or --from map-points",
                 );
             }
             Source::Model(_) => {

@@ -6,7 +6,7 @@
 use nalgebra::Isometry3;
 
 use super::consistency::DepthVerdict;
-use super::image_samples::FrameCorners;
+use super::image_samples::{CornerPair, FrameCorners};
 use super::{consistency, epipolar, evenly_spaced};
 use crate::{FrameError, Sequence};
 
@@ -35,25 +35,26 @@ pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> 
     match consistency::verdict(sequence, &of_depth)? {
         DepthVerdict::Contradicts(text) => return Ok(Some(with_poses_read(sequence, text))),
         DepthVerdict::OfOtherFrame { poses, depth } => {
-            let is_depth = fit_corners(sequence)? == Some(true);
-            let text = if is_depth { depth } else { poses };
+            let fit = of_corners(sequence, |pairs| epipolar::fits(sequence, pairs))?;
+            let text = if fit == Some(true) { depth } else { poses };
             return Ok(Some(with_poses_read(sequence, text)));
         }
         // Registered depth has the camera of the images.
         DepthVerdict::Agrees if is_registered(sequence) => return Ok(None),
         DepthVerdict::Agrees | DepthVerdict::Unknown => {}
     }
-    let pairs = pairs(sequence, |_| true);
-    let corners = FrameCorners::find(sequence, &pairs)?;
-    let found = epipolar::contradiction(sequence, &corners.pairs(&pairs));
+    let found = of_corners(sequence, |pairs| epipolar::contradiction(sequence, pairs))?;
     Ok(found.map(|text| with_poses_read(sequence, text)))
 }
 
-/// Whether matched corners fit the poses; `None` if there are too few.
-fn fit_corners(sequence: &Sequence) -> Result<Option<bool>, FrameError> {
+/// What a few pairs of images say by their corners.
+fn of_corners<T>(
+    sequence: &Sequence,
+    ask: impl FnOnce(&[CornerPair<'_>]) -> Option<T>,
+) -> Result<Option<T>, FrameError> {
     let pairs = pairs(sequence, |_| true);
     let corners = FrameCorners::find(sequence, &pairs)?;
-    Ok(epipolar::fits(sequence, &corners.pairs(&pairs)))
+    Ok(ask(&corners.pairs(&pairs)))
 }
 
 /// A text after the file that the poses are of: a folder may have several.
@@ -81,18 +82,14 @@ pub(crate) fn epipolar_median(
     sequence: &Sequence,
     recorded: &[Option<Isometry3<f64>>],
 ) -> Result<Option<f64>, FrameError> {
-    let pairs = pairs(sequence, |_| true);
-    let corners = FrameCorners::find(sequence, &pairs)?;
     let pose = |frame: usize| {
         let recorded = recorded.get(frame)?.as_ref()?;
         let convention = &sequence.pose_convention;
         Some(convention.world_from_color(recorded, &sequence.extrinsics))
     };
-    Ok(epipolar::median_of_poses(
-        sequence,
-        &corners.pairs(&pairs),
-        pose,
-    ))
+    of_corners(sequence, |pairs| {
+        epipolar::median_of_poses(sequence, pairs, pose)
+    })
 }
 
 /// Pairs of frames that see the same, as far apart as that allows. Rotations between frames do not depend on the pose convention.

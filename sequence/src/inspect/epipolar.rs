@@ -82,26 +82,26 @@ impl EpipolarFacts {
         )
     }
 
-    /// What contradicts the images, if an alternative fits.
-    fn contradiction(&self) -> Option<String> {
-        let best = self.better()?;
+    /// Says that an alternative fits better, with its remedy.
+    fn said_of(&self, best: &EpipolarHypothesis) -> String {
         let remedy = remedy_text(best.remedy.as_deref());
         let rest = if best.median_px > GOOD * self.width as f64 {
             "; this is still too far: the poses themselves are inaccurate"
         } else {
             ""
         };
-        Some(format!(
+        format!(
             "{}, but {:.1} px with {}: check the pose convention and the intrinsics{rest}{remedy}",
             self.poor(),
             best.median_px,
             best.reading
-        ))
+        )
     }
 
     /// A warning if an alternative fits much better, or no convention fits.
     pub(super) fn warning(&self) -> Option<String> {
-        self.contradiction().or_else(|| {
+        let better = self.better().map(|best| self.said_of(best));
+        better.or_else(|| {
             (self.as_read.median_px > BAD * self.width as f64).then(|| {
                 format!(
                     "{}, and no other pose convention is much better: check intrinsics, time stamps and poses",
@@ -121,8 +121,8 @@ pub(super) fn contradiction(sequence: &Sequence, pairs: &[CornerPair<'_>]) -> Op
     }
     let facts = matched.facts()?;
     // What does not fit either proves no other convention: the poses are inaccurate.
-    let fits = facts.better()?.median_px < BAD * facts.width as f64;
-    fits.then(|| facts.contradiction()).flatten()
+    let best = facts.better()?;
+    (best.median_px < BAD * facts.width as f64).then(|| facts.said_of(best))
 }
 
 /// Whether matched corners fit the poses as read; `None` if there are too few matches.

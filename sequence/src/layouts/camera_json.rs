@@ -43,7 +43,10 @@ pub(super) fn of_folder(
     // The JSON files of single images are not of the folder.
     let is_of_folder = |name: &&String| {
         let stem = name.strip_suffix(".json");
-        stem.is_some_and(|stem| !stem.ends_with(|c: char| c.is_ascii_digit()) || stem.len() < 8)
+        stem.is_some_and(|stem| {
+            let word = stem.trim_end_matches(|c: char| c.is_ascii_digit());
+            stem.len() - word.len() < 3
+        })
     };
     for name in folder.names().iter().filter(is_of_folder) {
         let path = folder.path().join(name);

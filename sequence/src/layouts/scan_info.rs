@@ -12,9 +12,19 @@ use super::super::text::{TextFile, TextLine};
 /// Names of such files.
 pub(super) const NAMES: [&str; 2] = ["info.txt", "_info.txt"];
 
+/// Whether a file has cameras: others may have its name.
+pub(super) fn is_one(file: &TextFile) -> bool {
+    file.text().contains("m_calibrationColorIntrinsic")
+}
+
+fn is_identity(matrix: &[f64]) -> bool {
+    let expected = |at: usize| f64::from(u8::from(at % 5 == 0));
+    let is_near = |(at, value): (usize, &f64)| (value - expected(at)).abs() < 1e-6;
+    matrix.len() == 16 && matrix.iter().enumerate().all(is_near)
+}
+
 /// Reads the cameras of a file: depth has its own, if it differs from that of colour.
-pub(super) fn read(path: &Path) -> Result<Calibration, SequenceError> {
-    let file = TextFile::read(path)?;
+pub(super) fn read(file: &TextFile, path: &Path) -> Result<Calibration, SequenceError> {
     let content = |problem: String| SequenceError::Content {
         path: path.to_owned(),
         problem,
@@ -36,11 +46,11 @@ pub(super) fn read(path: &Path) -> Result<Calibration, SequenceError> {
     let camera = |name: &str| -> Result<CalibratedCamera, SequenceError> {
         let key = format!("m_calibration{name}Intrinsic");
         let (row, k) = numbers(&key)?.ok_or_else(|| content(format!("has no {key}")))?;
-        let [fx, _, cx, _, _, fy, cy, ..] = k[..] else {
+        let ([fx, _, cx, _, _, fy, cy, ..], 16) = (&k[..], k.len()) else {
             return Err(row.error(format!("{key} needs the 16 numbers of a 4x4 matrix")));
         };
         let camera =
-            Camera::pinhole(fx, fy, cx, cy).map_err(|error| row.error(error.to_string()))?;
+            Camera::pinhole(*fx, *fy, *cx, *cy).map_err(|error| row.error(error.to_string()))?;
         let side =
             |side: &str| -> Result<Option<u32>, SequenceError> {
                 let found = numbers(&format!("m_{}{side}", name.to_lowercase()))?;
@@ -58,8 +68,7 @@ pub(super) fn read(path: &Path) -> Result<Calibration, SequenceError> {
     for name in ["Color", "Depth"] {
         let key = format!("m_calibration{name}Extrinsic");
         if let Some((row, found)) = numbers(&key)?
-            && found.len() == 16
-            && (0..16).any(|at| (found[at] - f64::from(u8::from(at % 5 == 0))).abs() > 1e-6)
+            && !is_identity(&found)
         {
             return Err(row.error(format!(
                 "{key} is not the identity, and no description says between which cameras it is: give both cameras in linecarve.toml"

@@ -230,8 +230,16 @@ fn read_matrix<const N: usize>(path: &Path) -> Result<[[f64; N]; N], SequenceErr
 }
 
 fn intrinsics(folder: &Folder) -> Result<Calibration, SequenceError> {
-    if let Some(path) = folder.first_entry(&scan_info::NAMES) {
-        return scan_info::read(&path);
+    for name in scan_info::NAMES {
+        if folder.names().iter().all(|other| other != name) {
+            continue;
+        }
+        let path = folder.path().join(name);
+        let file = TextFile::read(&path)?;
+        if scan_info::is_one(&file) {
+            folder.claim(name);
+            return scan_info::read(&file, &path);
+        }
     }
     let color = match folder.entry(INTRINSICS) {
         Some(path) => {

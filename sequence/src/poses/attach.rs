@@ -10,7 +10,7 @@ use super::super::layout::{RecordedFrame, Recording, image_stem};
 use super::super::text::{Stamp, TimeUnit};
 use super::super::warning::{WarningCounter, stamp_text};
 use super::super::{SequenceError, Warning, associate};
-use super::{PoseFile, PoseFileFormat, Poses, read_pose_file};
+use super::{PoseFile, PoseFileFormat, Poses, read_pose_file, written_unit};
 
 /// Largest time difference between an image and its pose.
 pub(in super::super) const MAX_DIFFERENCE_NS: i64 = 20_000_000;
@@ -200,9 +200,7 @@ fn by_time(
     // Of frames with equal times only the first gets a pose.
     order.dedup_by_key(|&mut at| frames[at].timestamp_ns);
     let stamps: Vec<i64> = order.iter().map(|&at| frames[at].timestamp_ns).collect();
-    let written = rows
-        .first()
-        .map_or(TimeUnit::Second, |(stamp, _)| stamp.unit_as_written());
+    let written = written_unit(rows);
     let attempt = |unit: TimeUnit| {
         let mut notes = Vec::new();
         let poses: Vec<_> = rows

@@ -13,7 +13,7 @@ use nalgebra::Isometry3;
 
 use super::Warning;
 use super::pose_convention::QuaternionOrder;
-use super::text::Stamp;
+use super::text::{Stamp, TimeUnit};
 
 /// Formats of trajectory files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,6 +49,20 @@ impl PoseFileFormat {
         }
     }
 
+    /// The unit of the stamps of a file: whole numbers of EuRoC's format are nanoseconds, also of a clock that was started a short time
+    /// ago; else the notation says it, unless the times would not fit.
+    pub(super) fn unit_of(self, rows: &[(Stamp, Isometry3<f64>)]) -> TimeUnit {
+        let all = |test: &dyn Fn(&Stamp) -> bool| rows.iter().all(|(stamp, _)| test(stamp));
+        if self == Self::EurocCsv && all(&|stamp| stamp.whole_number().is_some()) {
+            return TimeUnit::Nanosecond;
+        }
+        let written = written_unit(rows);
+        std::iter::once(written)
+            .chain(TimeUnit::ALL)
+            .find(|unit| all(&|stamp| stamp.in_nanoseconds(*unit).is_some()))
+            .unwrap_or(written)
+    }
+
     /// The quaternion order to test as an alternative; `None` for formats with matrices.
     pub(super) fn other_quaternion_order(self) -> Option<QuaternionOrder> {
         match self {
@@ -57,6 +71,12 @@ impl PoseFileFormat {
             Self::Kitti | Self::Matrices | Self::RotationVectors | Self::Open3dLog => None,
         }
     }
+}
+
+/// The unit that the first stamp suggests by its notation.
+fn written_unit(rows: &[(Stamp, Isometry3<f64>)]) -> TimeUnit {
+    rows.first()
+        .map_or(TimeUnit::Second, |(stamp, _)| stamp.unit_as_written())
 }
 
 /// A trajectory file.

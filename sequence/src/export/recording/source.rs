@@ -23,7 +23,7 @@ pub(super) struct Source<'a> {
     poses: Vec<Isometry3<f64>>,
     /// Camera of the depth images.
     pub(super) depth_camera: Camera,
-    /// Raw units of depth per pose unit: those of the sequence, if it has depth.
+    /// Raw units of depth per pose unit: those of the sequence, where its values are depth.
     pub(super) depth_scale: f64,
 }
 

@@ -176,7 +176,7 @@ pub fn compare_layers(layers: &[DepthLayer]) -> LayerAlignment {
 
 impl LayerAlignment {
     /// Whether the layers as given lie further apart than noise explains.
-    pub fn exceeds_noise(&self) -> bool {
+    fn exceeds_noise(&self) -> bool {
         self.before > BEYOND_NOISE * self.noise
     }
 }
