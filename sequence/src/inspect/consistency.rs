@@ -1,18 +1,13 @@
 //! Test of depth consistency: depth of one frame against depth of another, under the poses as read and alternatives.
 
-use linecarve_lines::camera::Camera;
-use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::super::depth_values::ray_length;
 use super::depth_alternatives::{DepthConvention, alternatives, as_read, search};
+use super::depth_pair::{DepthPair, Residuals};
 use super::pose_hypotheses::simplest_of_best;
-use super::{evenly_spaced, quantile, remedy_text, skip_unreadable};
-use crate::{DepthCalibration, DepthImage, FrameError, Sequence};
-
-/// Compared pixels across an image; the spacing is the same in both directions.
-const SAMPLES_ACROSS: usize = 80;
+use super::{evenly_spaced, quantile, remedy_text};
+use crate::{DepthCalibration, FrameError, Sequence};
 
 /// Largest relative difference of depths that agree.
 const AGREEMENT: f64 = 0.01;
@@ -21,15 +16,13 @@ const AGREEMENT: f64 = 0.01;
 /// an order of magnitude; noise and drift change the residual by tenths.
 const CLEARLY_BETTER: f64 = 0.5;
 
-/// A median below this share as read is accepted without comparison: over short distances and before flat walls every
-/// convention fits.
+/// A median below this share as read is good: over short distances and before flat walls every convention fits. An alternative must then
+/// be far better.
 const GOOD: f64 = 0.01;
-
-/// A median below this share as read is accepted: no sensor measures better, and the smallest fault is larger but where frames hardly move.
-const EXACT: f64 = 0.003;
-
-/// With a median as read between both, an alternative is reported below this share of it: noise is the same in both.
 const FAR_BETTER: f64 = 0.25;
+
+/// A median below this share as read is accepted without comparison: no sensor measures better.
+const EXACT: f64 = 0.003;
 
 /// Smallest number of compared pixels of a few pairs that prove something.
 const MIN_PIXELS: usize = 300;
@@ -108,9 +101,11 @@ fn better<'a>(
     as_read: &DepthHypothesis,
     others: &'a [DepthHypothesis],
 ) -> Option<&'a DepthHypothesis> {
-    if as_read.median_relative < GOOD {
-        return None;
-    }
+    let share = match as_read.median_relative {
+        median if median < EXACT => return None,
+        median if median < GOOD => FAR_BETTER,
+        _ => CLEARLY_BETTER,
+    };
     // With little overlap a good fit proves nothing.
     let comparable: Vec<&DepthHypothesis> = others
         .iter()
@@ -120,7 +115,7 @@ fn better<'a>(
         (other.median_relative, other.differences)
     })
     .copied()
-    .filter(|best| best.median_relative < CLEARLY_BETTER * as_read.median_relative)
+    .filter(|best| best.median_relative < share * as_read.median_relative)
 }
 
 /// Compares pairs of depth images `gap` frames apart; `None` if no pair is comparable.
@@ -140,7 +135,8 @@ pub(super) fn measure(
     let Some(calibration) = sequence.depth_calibration() else {
         return Ok(None);
     };
-    let mut conventions = vec![as_read(sequence, calibration)];
+    let as_read_convention = as_read(sequence, calibration);
+    let mut conventions = vec![as_read_convention.clone()];
     conventions.extend(alternatives(sequence, calibration));
     let Some((pairs_compared, as_read, mut others)) =
         measure_pairs(sequence, calibration, &pairs, &conventions)?
@@ -148,7 +144,18 @@ pub(super) fn measure(
         return Ok(None);
     };
     if as_read.median_relative >= GOOD {
-        others.extend(searched(sequence, calibration, &pairs, &others)?);
+        let few = evenly_spaced(pairs.len(), SEARCHED_PAIRS).into_iter();
+        let few: Vec<[usize; 2]> = few.map(|at| pairs[at]).collect();
+        let found = search(
+            sequence,
+            calibration,
+            &load(sequence, &few)?,
+            is_explained(&others),
+        );
+        let mut conventions = vec![as_read_convention];
+        conventions.extend(found);
+        let measured = measure_pairs(sequence, calibration, &pairs, &conventions)?;
+        others.extend(measured.map_or_else(Vec::new, |(_, _, found)| found));
         others.sort_by(|a, b| a.median_relative.total_cmp(&b.median_relative));
     }
     Ok(Some(DepthConsistency {
@@ -177,7 +184,7 @@ pub(super) enum DepthVerdict {
     Unknown,
 }
 
-/// Compares a few pairs. Alternatives are only tried if the depth does not agree as read.
+/// Compares a few pairs, which are decoded once. Alternatives are only tried if the depth does not agree as read.
 pub(super) fn verdict(
     sequence: &Sequence,
     pairs: &[[usize; 2]],
@@ -185,49 +192,62 @@ pub(super) fn verdict(
     let Some(calibration) = sequence.depth_calibration() else {
         return Ok(DepthVerdict::Unknown);
     };
+    let loaded = load(sequence, pairs)?;
+    let measure = |conventions: &[DepthConvention]| {
+        let residuals = |pair: &DepthPair| pair.of_all(sequence, calibration, conventions);
+        let measured: Vec<Residuals> = loaded.par_iter().map(residuals).collect();
+        hypotheses(&measured, conventions)
+    };
     let first = as_read(sequence, calibration);
-    let found = measure_pairs(sequence, calibration, pairs, std::slice::from_ref(&first))?;
-    // Nothing to compare as read is no agreement: a wrong scale may leave no overlap.
-    let found = found.filter(|(_, found, _)| found.pixels >= MIN_PIXELS);
-    let misfit = found.map_or(f64::INFINITY, |(_, found, _)| found.median_relative);
-    if misfit < EXACT {
-        return Ok(DepthVerdict::Agrees);
-    }
-    let mut conventions = vec![first];
-    conventions.extend(alternatives(sequence, calibration));
-    let measured = measure_pairs(sequence, calibration, pairs, &conventions)?;
-    let Some((_, as_read, mut others)) = measured else {
+    let Some((as_read, _)) = measure(std::slice::from_ref(&first)) else {
         return Ok(DepthVerdict::Unknown);
     };
-    if misfit < GOOD {
-        // Short distances hide much, but not from depth without noise.
-        others.retain(|other| other.pixels * 2 >= as_read.pixels);
-        let best = simplest_of_best(&others, |other| (other.median_relative, other.differences));
-        let best = best.filter(|best| best.median_relative < FAR_BETTER * as_read.median_relative);
-        return Ok(best.map_or(DepthVerdict::Agrees, |best| {
-            DepthVerdict::Contradicts(format!("depth images {}", agree_better(&as_read, best)))
-        }));
+    // Nothing to compare as read is no agreement: a wrong scale may leave no overlap.
+    let is_compared = as_read.pixels >= MIN_PIXELS;
+    let is_good = is_compared && as_read.median_relative < GOOD;
+    if is_compared && as_read.median_relative < EXACT {
+        return Ok(DepthVerdict::Agrees);
     }
-    others.extend(searched(sequence, calibration, pairs, &others)?);
+    let mut others = others_of(&measure, &first, alternatives(sequence, calibration));
+    if !is_good {
+        let found = search(sequence, calibration, &loaded, is_explained(&others));
+        others.extend(others_of(&measure, &first, found));
+    }
     others.retain(|other| other.pixels >= MIN_PIXELS);
-    let best = better(&as_read, &others).filter(|best| best.median_relative < FITS);
-    let found = best.map(|best| format!("depth images {}", agree_better(&as_read, best)));
-    if let (Some(best), Some(poses)) = (best.filter(|best| best.offset != 0), &found) {
-        let beside = if best.offset < 0 { "previous" } else { "next" };
-        let depth = format!(
-            "each depth image belongs to the {beside} image: depth agrees so (median difference {:.2} % of depth), not as read ({:.2} %), \
-             and the poses fit the images: give depth images the numbers of their images",
-            100.0 * best.median_relative,
-            100.0 * as_read.median_relative
-        );
-        return Ok(DepthVerdict::OfOtherFrame {
-            poses: poses.clone(),
-            depth,
+    let Some(best) = better(&as_read, &others).filter(|best| best.median_relative < FITS) else {
+        return Ok(match unexplained(&as_read) {
+            Some(text) => DepthVerdict::Contradicts(text),
+            None if is_good => DepthVerdict::Agrees,
+            None => DepthVerdict::Unknown,
         });
+    };
+    let text = format!("depth images {}", agree_better(&as_read, best));
+    if best.offset == 0 {
+        return Ok(DepthVerdict::Contradicts(text));
     }
-    Ok(found
-        .or_else(|| unexplained(&as_read))
-        .map_or(DepthVerdict::Unknown, DepthVerdict::Contradicts))
+    let beside = if best.offset < 0 { "previous" } else { "next" };
+    let depth = format!(
+        "each depth image belongs to the {beside} image: depth agrees so (median difference {:.2} % of depth), not as read ({:.2} %), \
+         and the poses fit the images: give depth images the numbers of their images",
+        100.0 * best.median_relative,
+        100.0 * as_read.median_relative
+    );
+    Ok(DepthVerdict::OfOtherFrame { poses: text, depth })
+}
+
+/// The hypotheses of conventions beside that as read.
+fn others_of(
+    measure: impl Fn(&[DepthConvention]) -> Option<(DepthHypothesis, Vec<DepthHypothesis>)>,
+    as_read: &DepthConvention,
+    others: Vec<DepthConvention>,
+) -> Vec<DepthHypothesis> {
+    let conventions = [vec![as_read.clone()], others].concat();
+    measure(&conventions).map_or_else(Vec::new, |(_, others)| others)
+}
+
+/// Whether an alternative fits by itself.
+fn is_explained(others: &[DepthHypothesis]) -> bool {
+    others.iter().any(|other| other.median_relative < GOOD)
 }
 
 /// Says that depth images disagree by far more than noise and drift, if no alternative explains it.
@@ -245,63 +265,40 @@ fn unexplained(as_read: &DepthHypothesis) -> Option<String> {
     })
 }
 
-/// Scales and focal lengths that a search finds.
-fn searched(
-    sequence: &Sequence,
-    calibration: &DepthCalibration,
-    pairs: &[[usize; 2]],
-    others: &[DepthHypothesis],
-) -> Result<Vec<DepthHypothesis>, FrameError> {
-    let few: Vec<[usize; 2]> = evenly_spaced(pairs.len(), SEARCHED_PAIRS)
-        .into_iter()
-        .map(|at| pairs[at])
-        .collect();
-    let loaded: Vec<DepthPair> = few
-        .into_par_iter()
-        .map(|frames| DepthPair::load(sequence, frames))
-        .collect::<Result<Vec<_>, FrameError>>()?
-        .into_iter()
-        .flatten()
-        .collect();
-    let is_explained = others.iter().any(|other| other.median_relative < GOOD);
-    let mut conventions = vec![as_read(sequence, calibration)];
-    conventions.extend(search(sequence, calibration, &loaded, is_explained));
-    let measured = measure_pairs(sequence, calibration, pairs, &conventions)?;
-    Ok(measured.map_or_else(Vec::new, |(_, _, others)| others))
-}
-
 type Measured = (usize, DepthHypothesis, Vec<DepthHypothesis>);
 
-/// Measures all conventions, of which the first is that as read; the others are sorted, the best first.
+/// Measures all conventions on the pairs that can be compared, and counts these; the first convention is that as read. Pairs are loaded one
+/// by one.
 fn measure_pairs(
     sequence: &Sequence,
     calibration: &DepthCalibration,
     pairs: &[[usize; 2]],
     conventions: &[DepthConvention],
 ) -> Result<Option<Measured>, FrameError> {
-    let measured = pairs
+    let measured: Vec<Residuals> = pairs
         .par_iter()
         .map(|&frames| {
             let pair = DepthPair::load(sequence, frames)?;
-            Ok(pair.map(|pair| {
-                let residuals = conventions
-                    .iter()
-                    .map(|convention| pair.residuals(sequence, calibration, convention, 1));
-                residuals.collect::<Vec<_>>()
-            }))
+            Ok(pair.map(|pair| pair.of_all(sequence, calibration, conventions)))
         })
-        .collect::<Result<Vec<_>, FrameError>>()?;
-    let compared = measured.iter().flatten().count();
-    if compared == 0 {
-        return Ok(None);
+        .collect::<Result<Vec<_>, FrameError>>()?
+        .into_iter()
+        .flatten()
+        .collect();
+    let found = hypotheses(&measured, conventions);
+    Ok(found.map(|(as_read, others)| (measured.len(), as_read, others)))
+}
+
+/// The hypothesis as read, and the others that compare anything, the best first; `None` without pairs.
+fn hypotheses(
+    measured: &[Residuals],
+    conventions: &[DepthConvention],
+) -> Option<(DepthHypothesis, Vec<DepthHypothesis>)> {
+    if measured.is_empty() {
+        return None;
     }
     let mut hypotheses = conventions.iter().enumerate().map(|(index, convention)| {
-        let all = || {
-            measured
-                .iter()
-                .flatten()
-                .flat_map(|residuals| &residuals[index])
-        };
+        let all = || measured.iter().flat_map(|residuals| &residuals[index]);
         let mut absolute: Vec<f64> = all().map(|residual| residual.0).collect();
         let mut relative: Vec<f64> = all().map(|residual| residual.1).collect();
         let within = relative.iter().filter(|&&value| value < AGREEMENT).count();
@@ -317,184 +314,17 @@ fn measure_pairs(
             share_within_1_percent: within as f64 / relative.len().max(1) as f64,
         }
     });
-    let Some(as_read) = hypotheses.next() else {
-        return Ok(None);
-    };
+    let as_read = hypotheses.next()?;
     let mut others: Vec<DepthHypothesis> = hypotheses.filter(|other| other.pixels > 0).collect();
     others.sort_by(|a, b| a.median_relative.total_cmp(&b.median_relative));
-    Ok(Some((compared, as_read, others)))
+    Some((as_read, others))
 }
 
-/// Two depth images.
-pub(super) struct DepthPair {
-    frames: [usize; 2],
-    depths: [DepthImage; 2],
-}
-
-impl DepthPair {
-    /// `None` if one of them is missing or cannot be decoded.
-    fn load(sequence: &Sequence, frames: [usize; 2]) -> Result<Option<Self>, FrameError> {
-        let [i, j] = frames;
-        let (Some(a), Some(b)) = (
-            skip_unreadable(sequence.load_depth(i))?.flatten(),
-            skip_unreadable(sequence.load_depth(j))?.flatten(),
-        ) else {
-            return Ok(None);
-        };
-        Ok(Some(Self {
-            frames,
-            depths: [a, b],
-        }))
-    }
-
-    /// Absolute and relative differences under a convention; of the pixels that are compared, every `every`-th in either direction.
-    pub(super) fn residuals(
-        &self,
-        sequence: &Sequence,
-        calibration: &DepthCalibration,
-        convention: &DepthConvention,
-        every: usize,
-    ) -> Vec<(f64, f64)> {
-        let color_from_depth = &calibration.color_from_depth;
-        let Some(b_from_a) = convention.poses.b_from_a(sequence, self.frames) else {
-            return Vec::new();
-        };
-        let b_from_a = color_from_depth.inverse() * b_from_a * color_from_depth;
-        let camera = convention.camera.as_ref().unwrap_or(&calibration.camera);
-        let [a, b] = &self.depths;
-        let depth = |depth: f32, x: usize, y: usize| {
-            let depth = f64::from(depth);
-            if convention.values == calibration.values {
-                return convention.factor * depth;
-            }
-            let ray = ray_length(camera, x, y);
-            convention.factor
-                * convention
-                    .values
-                    .depth(calibration.values.value(depth, ray), ray)
-        };
-        compare(a, b, &b_from_a, depth, camera, every)
-    }
-}
-
-/// Absolute and relative differences between depth of `a` transformed into `b` and depth of `b`; `depth` takes depth as read at a pixel.
-fn compare(
-    a: &DepthImage,
-    b: &DepthImage,
-    b_from_a: &Isometry3<f64>,
-    depth: impl Fn(f32, usize, usize) -> f64,
-    camera: &Camera,
-    every: usize,
-) -> Vec<(f64, f64)> {
-    let mut out = Vec::new();
-    let stride = (a.width() / SAMPLES_ACROSS).max(1) * every;
-    for y in (stride / 2..a.height()).step_by(stride) {
-        for x in (stride / 2..a.width()).step_by(stride) {
-            let Some(&z) = a.get(x, y).filter(|&&z| z > 0.0) else {
-                continue;
-            };
-            let pixel = Point2::new(x as f64, y as f64);
-            let Ok(point) = camera.point_at_depth(&pixel, depth(z, x, y)) else {
-                continue;
-            };
-            let point_in_b = b_from_a * point;
-            let Some(seen) = camera.project(&point_in_b) else {
-                continue;
-            };
-            let (u, v) = (seen.x.round(), seen.y.round());
-            if u < 0.0 || v < 0.0 {
-                continue;
-            }
-            let Some(&there) = b.get(u as usize, v as usize).filter(|&&z| z > 0.0) else {
-                continue;
-            };
-            let measured = depth(there, u as usize, v as usize);
-            let difference = (point_in_b.z - measured).abs();
-            out.push((difference, difference / measured));
-        }
-    }
-    out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::pose_convention::{CameraAxes, Extrinsics, PoseConvention, PoseDirection};
-    use linecarve_lines::image::Plane;
-    use nalgebra::{Translation3, UnitQuaternion};
-
-    /// Depth of the inside of a sphere of radius 3 around the world's origin.
-    fn depth_at(world_from_camera: &Isometry3<f64>, camera: &Camera) -> DepthImage {
-        let samples = (0..80 * 60)
-            .map(|i| {
-                let pixel = Point2::new(f64::from(i % 80), f64::from(i / 80));
-                let ray = camera.point_at_depth(&pixel, 1.0).unwrap().coords;
-                let (from, along) = (
-                    world_from_camera.translation.vector,
-                    world_from_camera.rotation * ray,
-                );
-                let (a, b, c) = (
-                    along.norm_squared(),
-                    from.dot(&along),
-                    from.norm_squared() - 9.0,
-                );
-                ((-b + (b * b - a * c).sqrt()) / a) as f32
-            })
-            .collect();
-        Plane::new(80, 60, samples).unwrap()
-    }
-
-    #[test]
-    fn true_poses_agree_and_wrong_conventions_do_not() {
-        let camera = Camera::pinhole(60.0, 60.0, 39.5, 29.5).unwrap();
-        let a = Isometry3::from_parts(
-            Translation3::new(0.5, 0.2, -0.3),
-            UnitQuaternion::from_euler_angles(0.3, 0.5, 0.1),
-        );
-        let b = Isometry3::from_parts(
-            Translation3::new(0.1, -0.2, 0.4),
-            UnitQuaternion::from_euler_angles(0.2, 0.4, 0.2),
-        );
-        let (depth_a, depth_b) = (depth_at(&a, &camera), depth_at(&b, &camera));
-        let median = |direction: PoseDirection, axes: CameraAxes, factor: f64| {
-            let reading = PoseConvention {
-                direction,
-                axes,
-                ..PoseConvention::default()
-            };
-            let extrinsics = Extrinsics {
-                color_from_depth: None,
-                body_from_color: None,
-            };
-            let pose = |recorded| reading.world_from_color(recorded, &extrinsics);
-            let b_from_a = pose(&b).inverse() * pose(&a);
-            let residuals = compare(
-                &depth_a,
-                &depth_b,
-                &b_from_a,
-                |depth, _, _| factor * f64::from(depth),
-                &camera,
-                1,
-            );
-            // A wrong convention may leave no overlap at all.
-            if residuals.len() < 10 {
-                return f64::INFINITY;
-            }
-            let mut relative: Vec<f64> = residuals.iter().map(|r| r.1).collect();
-            quantile(&mut relative, 0.5).unwrap()
-        };
-        let (as_read, axes) = (PoseDirection::AsRead, CameraAxes::AsRead);
-        let right = median(as_read, axes, 1.0);
-        assert!(right < 0.01, "{right}");
-        for (direction, axes, factor) in [
-            (PoseDirection::Inverse, axes, 1.0),
-            (PoseDirection::RotationInverse, axes, 1.0),
-            (as_read, CameraAxes::YAndZFlipped, 1.0),
-            (PoseDirection::Inverse, CameraAxes::YAndZFlipped, 1.0),
-            (as_read, axes, 5.0),
-            (as_read, axes, 0.2),
-        ] {
-            assert!(median(direction, axes, factor) > 2.0 * right);
-        }
-    }
+/// The pairs that can be compared, in memory.
+fn load(sequence: &Sequence, pairs: &[[usize; 2]]) -> Result<Vec<DepthPair>, FrameError> {
+    let loaded = pairs
+        .par_iter()
+        .map(|&frames| DepthPair::load(sequence, frames))
+        .collect::<Result<Vec<_>, FrameError>>()?;
+    Ok(loaded.into_iter().flatten().collect())
 }

@@ -3,7 +3,7 @@
 use linecarve_lines::camera::Camera;
 use rayon::prelude::*;
 
-use super::consistency::DepthPair;
+use super::depth_pair::DepthPair;
 use super::intrinsics_hypotheses::{
     FOCAL_STEP, description, focal_hypotheses, refined, section as section_of,
 };

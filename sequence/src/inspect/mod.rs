@@ -4,6 +4,7 @@ mod check;
 mod consistency;
 mod corners;
 mod depth_alternatives;
+mod depth_pair;
 mod epipolar;
 mod facts;
 mod image_samples;

@@ -87,3 +87,33 @@ pub(crate) fn write_replica(root: &Path) {
     );
     std::fs::write(root.join("cam_params.json"), text).unwrap();
 }
+
+/// ICL-NUIM: a list with depth first, and counted poses from a number on.
+pub(crate) fn write_icl(root: &Path, first_pose: usize) {
+    write_images(
+        root,
+        5000.0,
+        |i| format!("rgb/{i}.png"),
+        |i| format!("depth/{i}.png"),
+    );
+    let (mut list, mut trajectory) = (String::new(), String::new());
+    for (i, pose) in poses(FRAMES).iter().enumerate() {
+        writeln!(list, "{i} depth/{i}.png {i} rgb/{i}.png").unwrap();
+        let (t, q) = (pose.translation.vector, pose.rotation.coords);
+        let number = i + first_pose;
+        writeln!(
+            trajectory,
+            "{number} {} {} {} {} {} {} {}",
+            t.x, t.y, t.z, q.x, q.y, q.z, q.w
+        )
+        .unwrap();
+    }
+    let sidecar = crate::support::sidecar() + "[depth]\nscale = 5000.0\n";
+    for (name, text) in [
+        ("associations.txt", list),
+        ("livingRoom1.gt.freiburg", trajectory),
+        ("linecarve.toml", sidecar),
+    ] {
+        std::fs::write(root.join(name), text).unwrap();
+    }
+}

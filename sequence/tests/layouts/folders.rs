@@ -7,7 +7,7 @@ use linecarve_sequence::{FileRole, OpenOptions, Sequence, contradiction};
 use nalgebra::Isometry3;
 
 use crate::folder_writers::{
-    FRAMES, intrinsics_text, write_images, write_pose_folder, write_replica,
+    FRAMES, intrinsics_text, write_icl, write_images, write_pose_folder, write_replica,
 };
 use crate::support::{FOCAL, SIZE, color_image, poses, write_open3d, write_tum};
 use crate::writers::write_colmap_text;
@@ -194,34 +194,10 @@ fn of_several_models_the_largest_is_read() {
 /// ICL-NUIM: numbered images, a list with depth first, and a trajectory of an unusual name.
 #[test]
 fn a_freiburg_trajectory_beside_a_list_with_depth_first_is_read() {
-    let folder = folder_with(|root| {
-        write_images(
-            root,
-            5000.0,
-            |i| format!("rgb/{i}.png"),
-            |i| format!("depth/{i}.png"),
-        );
-        let mut list = String::new();
-        let mut trajectory = String::new();
-        for (i, pose) in poses(FRAMES).iter().enumerate() {
-            writeln!(list, "{i} depth/{i}.png {i} rgb/{i}.png").unwrap();
-            let (t, q) = (pose.translation.vector, pose.rotation.coords);
-            writeln!(
-                trajectory,
-                "{i} {} {} {} {} {} {} {}",
-                t.x, t.y, t.z, q.x, q.y, q.z, q.w
-            )
-            .unwrap();
-        }
-        std::fs::write(root.join("associations.txt"), list).unwrap();
-        std::fs::write(root.join("livingRoom1.gt.freiburg"), trajectory).unwrap();
-        std::fs::write(
-            root.join("linecarve.toml"),
-            crate::support::sidecar() + "[depth]\nscale = 5000.0\n",
-        )
-        .unwrap();
-    });
-    assert_right(&open(folder.path()).unwrap(), "images-and-poses", 5000.0);
+    let folder = folder_with(|root| write_icl(root, 0));
+    let sequence = open(folder.path()).unwrap();
+    assert_right(&sequence, "images-and-poses", 5000.0);
+    assert!(!warnings(&sequence).contains("joined"));
 }
 
 #[test]

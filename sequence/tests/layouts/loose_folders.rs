@@ -6,7 +6,7 @@ use image::{ImageBuffer, Luma};
 use linecarve_sequence::{DepthValues, FileRole, OpenOptions, Sequence, contradiction};
 use nalgebra::Isometry3;
 
-use crate::folder_writers::{FRAMES, intrinsics_text, matrix_lines, write_images};
+use crate::folder_writers::{FRAMES, intrinsics_text, matrix_lines, write_icl, write_images};
 use crate::support::{FOCAL, SIZE, color_image, depth_image, poses, sidecar, write_seven_scenes};
 use crate::{edit, folder_with, open, warnings};
 
@@ -20,6 +20,15 @@ fn write_loose(root: &Path, color: impl Fn(usize) -> String, depth: impl Fn(usiz
     let lines: String = poses(FRAMES).iter().map(one_line).collect();
     std::fs::write(root.join("poses.txt"), lines).unwrap();
     std::fs::write(root.join("linecarve.toml"), sidecar()).unwrap();
+}
+
+/// The same in `rgb/` and `depth/`.
+fn write_plain(root: &Path) {
+    write_loose(
+        root,
+        |i| format!("rgb/{i}.png"),
+        |i| format!("depth/{i}.png"),
+    );
 }
 
 /// Each frame has the depth of the scene at its pose.
@@ -133,11 +142,7 @@ fn inverse_depth_and_distance_are_named_and_read() {
     ];
     for (value, values, words) in kinds {
         let folder = folder_with(|root| {
-            write_loose(
-                root,
-                |i| format!("rgb/{i}.png"),
-                |i| format!("depth/{i}.png"),
-            );
+            write_plain(root);
             rewrite_depth(root, value);
         });
         let text = contradiction(&open(folder.path()).unwrap()).unwrap();
@@ -168,11 +173,7 @@ fn inverse_depth_and_distance_are_named_and_read() {
 #[test]
 fn standard_deviations_need_depth_along_the_axis() {
     let folder = folder_with(|root| {
-        write_loose(
-            root,
-            |i| format!("rgb/{i}.png"),
-            |i| format!("depth/{i}.png"),
-        );
+        write_plain(root);
         edit(&root.join("linecarve.toml"), |text| {
             text + "[depth]\nvalues = \"distance\"\nsigma = \"sigma\"\n"
         });
@@ -187,11 +188,7 @@ fn standard_deviations_need_depth_along_the_axis() {
 #[test]
 fn depth_that_nothing_explains_is_refused() {
     let folder = folder_with(|root| {
-        write_loose(
-            root,
-            |i| format!("rgb/{i}.png"),
-            |i| format!("depth/{i}.png"),
-        );
+        write_plain(root);
         // Each image has a depth of its own, which has nothing to do with the scene.
         for at in 0..FRAMES {
             let flat = ImageBuffer::from_fn(SIZE.0, SIZE.1, |x, y| {
@@ -209,11 +206,7 @@ fn depth_that_nothing_explains_is_refused() {
 #[test]
 fn a_camera_in_json_is_read() {
     let write = |root: &Path| {
-        write_loose(
-            root,
-            |i| format!("rgb/{i}.png"),
-            |i| format!("depth/{i}.png"),
-        );
+        write_plain(root);
         std::fs::remove_file(root.join("linecarve.toml")).unwrap();
     };
     let folder = folder_with(write);
@@ -281,8 +274,8 @@ fn cameras_of_scan_info_are_read() {
                 "line 7",
             ),
             (
-                "m_sensorName = a sensor\n".to_owned(),
-                "m_calibrationColorIntrinsic",
+                info(1, 1.0, identity).replace("DepthIntrinsic", "DepthIntrinsics"),
+                "has no m_calibrationDepthIntrinsic",
             ),
         ] {
             std::fs::write(&path, text).unwrap();
@@ -308,11 +301,7 @@ fn cameras_of_scan_info_are_read() {
 #[test]
 fn transposed_matrices_are_refused_with_the_line() {
     let folder = folder_with(|root| {
-        write_loose(
-            root,
-            |i| format!("rgb/{i}.png"),
-            |i| format!("depth/{i}.png"),
-        );
+        write_plain(root);
         let lines: String = poses(FRAMES)
             .iter()
             .map(|pose| {
@@ -339,11 +328,7 @@ fn a_trajectory_of_any_name_and_poses_beside_images_are_not_passed_over() {
         |root: &Path| Sequence::open_without_poses(root, &OpenOptions::default()).unwrap();
     for name in ["camera_path_v2.dat", "POSES.TXT", "path"] {
         let folder = folder_with(|root| {
-            write_loose(
-                root,
-                |i| format!("rgb/{i}.png"),
-                |i| format!("depth/{i}.png"),
-            );
+            write_plain(root);
             std::fs::rename(root.join("poses.txt"), root.join(name)).unwrap();
         });
         let sequence = without_poses(folder.path());
@@ -393,53 +378,12 @@ fn a_sequence_one_folder_down_is_named() {
 
 #[test]
 fn counted_poses_from_another_number_are_joined_as_the_images_show() {
-    let write = |root: &Path, first_pose: usize, of_image: &dyn Fn(usize) -> usize| {
-        write_images(
-            root,
-            5000.0,
-            |i| format!("rgb/{i}.png"),
-            |i| format!("depth/{i}.png"),
-        );
-        let list: String = (0..FRAMES)
-            .map(|i| format!("{i} depth/{i}.png {i} rgb/{i}.png\n"))
-            .collect();
-        std::fs::write(root.join("associations.txt"), list).unwrap();
-        let poses = poses(FRAMES);
-        let lines: String = (0..FRAMES)
-            .map(|at| {
-                let pose = poses[of_image(at)];
-                let (t, q) = (pose.translation.vector, pose.rotation.coords);
-                format!(
-                    "{} {} {} {} {} {} {} {}\n",
-                    at + first_pose,
-                    t.x,
-                    t.y,
-                    t.z,
-                    q.x,
-                    q.y,
-                    q.z,
-                    q.w
-                )
-            })
-            .collect();
-        std::fs::write(root.join("room.gt.freiburg"), lines).unwrap();
-        std::fs::write(
-            root.join("linecarve.toml"),
-            sidecar() + "[depth]\nscale = 5000.0\n",
-        )
-        .unwrap();
-    };
     // Poses from 1, images from 0.
-    let folder = folder_with(|root| write(root, 1, &|at| at));
+    let folder = folder_with(|root| write_icl(root, 1));
     let sequence = open(folder.path()).unwrap();
     assert_right(&sequence);
     let said = warnings(&sequence);
     assert!(said.contains("joined in order"), "{said}");
-    // The same numbers: nothing to say.
-    let folder = folder_with(|root| write(root, 0, &|at| at));
-    let sequence = open(folder.path()).unwrap();
-    assert_right(&sequence);
-    assert!(!warnings(&sequence).contains("joined"));
 }
 
 #[test]
