@@ -208,10 +208,10 @@ pub(super) fn verdict(
     if is_compared && as_read.median_relative < EXACT {
         return Ok(DepthVerdict::Agrees);
     }
-    let mut others = others_of(&measure, &first, alternatives(sequence, calibration));
+    let mut others = others_of(measure, &first, alternatives(sequence, calibration));
     if !is_good {
         let found = search(sequence, calibration, &loaded, is_explained(&others));
-        others.extend(others_of(&measure, &first, found));
+        others.extend(others_of(measure, &first, found));
     }
     others.retain(|other| other.pixels >= MIN_PIXELS);
     let Some(best) = better(&as_read, &others).filter(|best| best.median_relative < FITS) else {

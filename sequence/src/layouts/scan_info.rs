@@ -18,7 +18,7 @@ pub(super) fn is_one(file: &TextFile) -> bool {
 }
 
 fn is_identity(matrix: &[f64]) -> bool {
-    let expected = |at: usize| f64::from(u8::from(at % 5 == 0));
+    let expected = |at: usize| f64::from(u8::from(at.is_multiple_of(5)));
     let is_near = |(at, value): (usize, &f64)| (value - expected(at)).abs() < 1e-6;
     matrix.len() == 16 && matrix.iter().enumerate().all(is_near)
 }
