@@ -59,6 +59,9 @@ pub(super) fn frames_of_size(
     kept
 }
 
+/// Shortest focal length of a camera, as a share of the longer side of its images: the widest lenses have a fifth.
+const LEAST_FOCAL: f64 = 0.1;
+
 /// Size of the first image with a readable header.
 pub(super) struct FirstSize {
     pub(super) path: PathBuf,
@@ -134,6 +137,15 @@ pub(super) fn check_color_size(
             format!("by {}", color.source),
             remedy,
         ));
+    }
+    let focal = color.camera.mean_focal_px();
+    if focal < LEAST_FOCAL * f64::from(width.max(height)) {
+        return Err(FrameError::FocalLength {
+            path: first.path.clone(),
+            width,
+            height,
+            focal,
+        });
     }
     let (cx, cy) = (color.camera.cx(), color.camera.cy());
     let is_inside = |c: f64, size: u32| c >= -0.5 && c <= f64::from(size) - 0.5;

@@ -101,6 +101,14 @@ pub enum SequenceError {
         /// Why the frames were skipped.
         reason: String,
     },
+    /// There are images and poses, but no image has a pose that can be used.
+    #[error("{}: no usable frame: {reason}; where these poses are wrong, --track finds others from the images", path.display())]
+    UnusablePoses {
+        /// The folder, or the file with the poses.
+        path: PathBuf,
+        /// Why the poses were skipped.
+        reason: String,
+    },
     /// The calibration does not fit the first readable image.
     #[error(transparent)]
     Frame(#[from] FrameError),
@@ -164,6 +172,22 @@ pub enum FrameError {
         cx: f64,
         /// Principal point y in pixels.
         cy: f64,
+    },
+    /// The focal length is far too short for the images.
+    #[error(
+        "the focal length of {focal:.3} pixels is too short for images of {width} x {height} pixels ({}): focal lengths and the principal point \
+         are in pixels; normalised ones are multiplied by the width and the height",
+        path.display()
+    )]
+    FocalLength {
+        /// The first image.
+        path: PathBuf,
+        /// Its width in pixels.
+        width: u32,
+        /// Its height in pixels.
+        height: u32,
+        /// The mean focal length in pixels.
+        focal: f64,
     },
     /// The depth image does not have one channel of 16 bits or of floating-point values.
     #[error(

@@ -127,7 +127,7 @@ pub(super) struct RecordedFrame {
 #[derive(Debug)]
 pub(super) struct Folder {
     path: PathBuf,
-    /// Sorted. Names that are not UTF-8 are left out.
+    /// Sorted. Names that are not UTF-8 are left out, and `._NAME`, in which macOS keeps what other file systems have no place for.
     names: Vec<String>,
     /// The file that the user named, if any.
     file: Option<String>,
@@ -156,9 +156,8 @@ impl Folder {
         let attempt = || -> std::io::Result<Vec<String>> {
             let mut names = Vec::new();
             for entry in std::fs::read_dir(path)? {
-                if let Ok(name) = entry?.file_name().into_string() {
-                    names.push(name);
-                }
+                let name = entry?.file_name().into_string();
+                names.extend(name.ok().filter(|name| !name.starts_with("._")));
             }
             names.sort_unstable();
             Ok(names)

@@ -4,6 +4,7 @@ mod assemble;
 mod associate;
 mod bytes;
 mod calibration;
+mod camera_axes;
 mod color_sizes;
 mod confidence;
 mod container;

@@ -5,6 +5,8 @@ use std::fmt;
 use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
+use super::camera_axes::CameraAxes;
+
 /// What the recorded poses refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -27,17 +29,6 @@ pub(super) enum PoseDirection {
     Inverse,
     /// The position as defined by the format, the rotation inverted.
     RotationInverse,
-}
-
-/// Camera axes of the poses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum CameraAxes {
-    /// As defined by the format.
-    #[default]
-    AsRead,
-    /// Rotated about x by 180 degrees, as between OpenCV (y down, z forward) and OpenGL (y up, z backward).
-    YAndZFlipped,
 }
 
 /// Component order of quaternions.
@@ -91,9 +82,7 @@ impl PoseConvention {
                 Isometry3::from_parts(pose.translation, pose.rotation.inverse())
             }
         };
-        if self.axes == CameraAxes::YAndZFlipped {
-            pose.rotation *= half_turn_about_x();
-        }
+        pose = self.axes.world_from_camera(&pose);
         let recorded_from_color = match self.camera {
             PoseCamera::Color => None,
             PoseCamera::Depth => extrinsics.color_from_depth.map(|m| m.inverse()),
@@ -104,11 +93,6 @@ impl PoseConvention {
             None => pose,
         }
     }
-}
-
-/// Rotation between axes y down, z forward and axes y up, z backward.
-pub(super) fn half_turn_about_x() -> UnitQuaternion<f64> {
-    UnitQuaternion::new_unchecked(Quaternion::new(0.0, 1.0, 0.0, 0.0))
 }
 
 impl fmt::Display for PoseConvention {
@@ -125,8 +109,8 @@ impl fmt::Display for PoseConvention {
             PoseDirection::Inverse => write!(f, ", direction = \"inverse\"")?,
             PoseDirection::RotationInverse => write!(f, ", direction = \"rotation-inverse\"")?,
         }
-        if self.axes == CameraAxes::YAndZFlipped {
-            write!(f, ", axes = \"y-and-z-flipped\"")?;
+        if self.axes != CameraAxes::AS_READ {
+            write!(f, ", axes = \"{}\"", self.axes)?;
         }
         match self.quaternion {
             QuaternionOrder::AsRead => {}
@@ -140,6 +124,7 @@ impl fmt::Display for PoseConvention {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::camera_axes::half_turn_about_x;
     use nalgebra::{Point3, Translation3, Vector3};
 
     fn pose() -> Isometry3<f64> {
@@ -184,7 +169,7 @@ mod tests {
             (
                 flipped,
                 PoseConvention {
-                    axes: CameraAxes::YAndZFlipped,
+                    axes: CameraAxes::Y_AND_Z_FLIPPED,
                     ..default
                 },
             ),
@@ -192,7 +177,7 @@ mod tests {
                 flipped.inverse(),
                 PoseConvention {
                     direction: PoseDirection::Inverse,
-                    axes: CameraAxes::YAndZFlipped,
+                    axes: CameraAxes::Y_AND_Z_FLIPPED,
                     ..default
                 },
             ),

@@ -13,7 +13,8 @@ use self::camera::CameraKeys;
 use self::depth::{DepthSection, DepthView};
 use self::right::RightSection;
 use super::calibration::{CalibratedCamera, Calibration, DepthGeometry, RightCamera};
-use super::pose_convention::{CameraAxes, PoseCamera, PoseDirection, QuaternionOrder};
+use super::camera_axes::CameraAxes;
+use super::pose_convention::{PoseCamera, PoseDirection, QuaternionOrder};
 use super::{DepthValues, SequenceError, rigid};
 
 /// Name of the sidecar file in the folder of a sequence.
@@ -286,7 +287,7 @@ mod tests {
         let expected = PoseConvention {
             camera: PoseCamera::Color,
             direction: PoseDirection::Inverse,
-            axes: CameraAxes::YAndZFlipped,
+            axes: CameraAxes::Y_AND_Z_FLIPPED,
             quaternion: QuaternionOrder::WFirst,
         };
         assert_eq!(calibration.pose_convention, expected);

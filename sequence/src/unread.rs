@@ -36,11 +36,18 @@ pub struct UnreadFile {
 }
 
 impl UnreadFile {
+    /// Whether an archive of NumPy arrays, which is a ZIP file that nobody unpacks.
+    fn is_numpy(&self) -> bool {
+        self.name.to_ascii_lowercase().ends_with(".npz")
+    }
+
     /// Says what was not read, and the remedy, to stop with.
     pub fn problem(&self, folder: &Path) -> String {
         let full = folder.join(&self.name);
         let path = full.display();
-        if let Some(kind) = foreign::kind_of(&full).filter(|kind| kind.is_source()) {
+        if let Some(kind) =
+            foreign::kind_of(&full).filter(|kind| kind.is_source() && !self.is_numpy())
+        {
             return format!(
                 "{path} is {}, which is not read: {}",
                 kind.what,
@@ -228,6 +235,20 @@ const CALIBRATION_FOLDERS: [&str; 5] = [
     "calibration",
 ];
 
+/// Endings of files with numbers, and words in the names of those with poses.
+const TABLES: [&str; 12] = [
+    ".txt", ".csv", ".json", ".yaml", ".yml", ".xml", ".npy", ".npz", ".pkl", ".mat", ".h5", ".pt",
+];
+const POSE_WORDS: [&str; 7] = [
+    "pose",
+    "traj",
+    "odom",
+    "groundtruth",
+    "ground_truth",
+    "extrinsic",
+    "camera_path",
+];
+
 fn role_of_folder(path: &Path, lower: &str) -> Option<FileRole> {
     let inside = Folder::list(path).ok()?;
     let has_files = |is_wanted: &dyn Fn(&str) -> bool| inside.names().iter().any(|n| is_wanted(n));
@@ -271,6 +292,10 @@ fn role_of_file(lower: &str) -> Option<FileRole> {
         ]
         .contains(&lower)
     {
+        return Some(FileRole::Poses);
+    }
+    let stem = lower.split('.').next().unwrap_or_default();
+    if ends(&TABLES) && POSE_WORDS.iter().any(|word| stem.contains(word)) {
         return Some(FileRole::Poses);
     }
     if ends(&[".npz"]) {

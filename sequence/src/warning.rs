@@ -68,11 +68,6 @@ impl WarningCounter {
         self.count
     }
 
-    /// Name of the first occurrence.
-    pub(super) fn first(&self) -> Option<&str> {
-        self.examples.first().map(String::as_str)
-    }
-
     /// The warning; `None` if nothing was counted.
     pub(super) fn into_warning(self, total: usize, what: &str) -> Option<Warning> {
         (self.count > 0).then(|| Warning {

@@ -30,6 +30,7 @@ mod reconstruct;
 mod render;
 mod report_page;
 mod resume;
+mod room_folders;
 mod sample;
 mod simplify;
 mod stream;

@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 
 use super::consistency::DepthVerdict;
 use super::image_samples::{CornerPair, FrameCorners};
-use super::{consistency, epipolar, evenly_spaced};
+use super::{consistency, epipolar, evenly_spaced, registration};
 use crate::{FrameError, Sequence};
 
 /// Number of compared pairs.
@@ -32,19 +32,34 @@ pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> 
         return Ok(None);
     }
     let of_depth = pairs(sequence, |frame| sequence.frames()[frame].depth.is_some());
-    match consistency::verdict(sequence, &of_depth)? {
+    let unexplained = match consistency::verdict(sequence, &of_depth)? {
         DepthVerdict::Contradicts(text) => return Ok(Some(with_poses_read(sequence, text))),
-        DepthVerdict::OfOtherFrame { poses, depth } => {
+        DepthVerdict::PosesOrDepth { poses, depth } => {
             let fit = of_corners(sequence, |pairs| epipolar::fits(sequence, pairs))?;
-            let text = if fit == Some(true) { depth } else { poses };
+            let text = match fit {
+                Some(true) => format!("the poses fit the images, but {depth}"),
+                Some(false) => poses,
+                None => format!("{poses}\nor, if the poses fit the images: {depth}"),
+            };
             return Ok(Some(with_poses_read(sequence, text)));
         }
         // Registered depth has the camera of the images.
-        DepthVerdict::Agrees if is_registered(sequence) => return Ok(None),
-        DepthVerdict::Agrees | DepthVerdict::Unknown => {}
-    }
+        DepthVerdict::Agrees if is_registered(sequence) => return misregistration(sequence),
+        DepthVerdict::Agrees | DepthVerdict::Unknown => None,
+        DepthVerdict::Unexplained(text) => Some(text),
+    };
     let found = of_corners(sequence, |pairs| epipolar::contradiction(sequence, pairs))?;
+    let found = found.or(unexplained);
+    if found.is_none() && is_registered(sequence) {
+        return misregistration(sequence);
+    }
     Ok(found.map(|text| with_poses_read(sequence, text)))
+}
+
+/// Says that depth belongs beside its pixels, as outlines of a few images show.
+fn misregistration(sequence: &Sequence) -> Result<Option<String>, FrameError> {
+    let facts = registration::measure(sequence, 2 * PAIRS)?;
+    Ok(facts.and_then(|facts| facts.warning()))
 }
 
 /// What a few pairs of images say by their corners.
@@ -62,7 +77,8 @@ fn with_poses_read(sequence: &Sequence, text: String) -> String {
     let folder = sequence.folder().display().to_string();
     let of_file =
         |convention: &&String| convention.starts_with("poses: ") && convention.contains(&folder);
-    match sequence.conventions().iter().find(of_file) {
+    let poses = sequence.conventions().iter().find(of_file);
+    match poses.and_then(|poses| poses.split(';').next()) {
         Some(poses) => format!("({poses}) {text}"),
         None => text,
     }
@@ -119,11 +135,15 @@ pub(super) fn pairs(sequence: &Sequence, is_usable: impl Fn(usize) -> bool) -> V
             let best = others()
                 .filter(|&other| rotation(other) <= MAX_ROTATION_DEG && distance(other) <= reach)
                 .max_by(|&a, &b| distance(a).total_cmp(&distance(b)))
+                .filter(|&other| distance(other) > 0.0)
                 // Frames that are far apart: the one that is turned the least of the nearest.
                 .or_else(|| {
                     others()
                         .filter(|other| other.abs_diff(at) <= 2)
-                        .min_by(|&a, &b| rotation(a).total_cmp(&rotation(b)))
+                        .min_by(|&a, &b| {
+                            let by_rotation = rotation(a).total_cmp(&rotation(b));
+                            by_rotation.then(a.abs_diff(at).cmp(&b.abs_diff(at)))
+                        })
                 })?;
             Some([usable[at.min(best)], usable[at.max(best)]])
         })

@@ -70,6 +70,9 @@ pub struct DepthHypothesis {
     /// The pose of a frame is that of the frame so many further.
     #[serde(skip)]
     offset: isize,
+    /// Whether the axes are those of a turned or mirrored camera.
+    #[serde(skip)]
+    is_turned: bool,
 }
 
 impl DepthConsistency {
@@ -173,13 +176,15 @@ pub(super) enum DepthVerdict {
     Agrees,
     /// An alternative agrees much better; it is given in words.
     Contradicts(String),
-    /// Poses of the frames beside agree much better: either those are wrong, or each depth image is of another frame.
-    OfOtherFrame {
+    /// Poses of the frames beside, or with other axes, agree much better: either those are wrong, or depth images are.
+    PosesOrDepth {
         /// What to say if poses do not fit the images.
         poses: String,
         /// What to say if they do.
         depth: String,
     },
+    /// They disagree by far more than noise and drift, and no alternative says how.
+    Unexplained(String),
     /// They do not tell.
     Unknown,
 }
@@ -208,6 +213,14 @@ pub(super) fn verdict(
     if is_compared && as_read.median_relative < EXACT {
         return Ok(DepthVerdict::Agrees);
     }
+    if is_compared && !is_good && has_one_pose(sequence) {
+        return Ok(DepthVerdict::Contradicts(format!(
+            "all {} poses are the same, but depth differs by {:.0} % from image to image: give the poses of a camera that moves, or \
+             none",
+            sequence.frames().len(),
+            100.0 * as_read.median_relative
+        )));
+    }
     let mut others = others_of(measure, &first, alternatives(sequence, calibration));
     if !is_good {
         let found = search(sequence, calibration, &loaded, is_explained(&others));
@@ -216,23 +229,45 @@ pub(super) fn verdict(
     others.retain(|other| other.pixels >= MIN_PIXELS);
     let Some(best) = better(&as_read, &others).filter(|best| best.median_relative < FITS) else {
         return Ok(match unexplained(&as_read) {
-            Some(text) => DepthVerdict::Contradicts(text),
+            Some(text) => DepthVerdict::Unexplained(text),
             None if is_good => DepthVerdict::Agrees,
             None => DepthVerdict::Unknown,
         });
     };
-    let text = format!("depth images {}", agree_better(&as_read, best));
-    if best.offset == 0 {
-        return Ok(DepthVerdict::Contradicts(text));
-    }
-    let beside = if best.offset < 0 { "previous" } else { "next" };
-    let depth = format!(
-        "each depth image belongs to the {beside} image: depth agrees so (median difference {:.2} % of depth), not as read ({:.2} %), \
-         and the poses fit the images: give depth images the numbers of their images",
+    let poses = format!("depth images {}", agree_better(&as_read, best));
+    let depth = match best.offset {
+        0 if best.is_turned => format!(
+            "depth images are turned or mirrored against the images, as with {}: {}: write them as the images lie",
+            best.reading,
+            agree_so(&as_read, best)
+        ),
+        0 => return Ok(DepthVerdict::Contradicts(poses)),
+        offset => format!(
+            "each depth image belongs to the {} image: {}: give depth images the numbers of their images",
+            if offset < 0 { "previous" } else { "next" },
+            agree_so(&as_read, best)
+        ),
+    };
+    Ok(DepthVerdict::PosesOrDepth { poses, depth })
+}
+
+/// Says that depth agrees under an alternative.
+fn agree_so(as_read: &DepthHypothesis, best: &DepthHypothesis) -> String {
+    format!(
+        "depth agrees so (median difference {:.2} % of depth), not as read ({:.2} %)",
         100.0 * best.median_relative,
         100.0 * as_read.median_relative
-    );
-    Ok(DepthVerdict::OfOtherFrame { poses: text, depth })
+    )
+}
+
+/// Whether all frames have the same pose.
+pub(super) fn has_one_pose(sequence: &Sequence) -> bool {
+    let mut poses = sequence
+        .frames()
+        .iter()
+        .map(|frame| frame.world_from_camera);
+    let first = poses.next();
+    poses.all(|pose| Some(pose) == first)
 }
 
 /// The hypotheses of conventions beside that as read.
@@ -307,6 +342,7 @@ fn hypotheses(
             remedy: convention.remedy.clone(),
             differences: convention.differences,
             offset: convention.poses.offset,
+            is_turned: convention.poses.is_turned,
             pixels: relative.len(),
             // Without any overlap nothing agrees.
             median_difference: quantile(&mut absolute, 0.5).unwrap_or(f64::INFINITY),

@@ -7,7 +7,7 @@ use super::depth_pair::DepthPair;
 use super::intrinsics_hypotheses::{
     FOCAL_STEP, description, focal_hypotheses, refined, section as section_of,
 };
-use super::pose_hypotheses::{PoseHypothesis, pose_hypotheses};
+use super::pose_hypotheses::{PoseHypothesis, axes_hypotheses, pose_hypotheses, simplest_of_best};
 use super::quantile;
 use crate::{DepthCalibration, DepthValues, Sequence};
 
@@ -34,6 +34,9 @@ const FINE: usize = 2;
 
 /// The best scale must fit this much better than one that makes the motion vanish: otherwise only the rotation fits.
 const BETTER_THAN_ROTATION: f64 = 0.5;
+
+/// The best of many axes must fit this much better than those read: of many wrong ones, some fit a little better.
+const AXES_BETTER: f64 = 0.25;
 
 /// Smallest share of the compared pixels that must overlap under a scale.
 const MIN_OVERLAP: f64 = 0.2;
@@ -189,6 +192,7 @@ pub(super) fn search(
         let of_values = other_values(calibration).map(|other| as_read.with_values(other));
         found.extend(of_values.filter_map(|convention| search.best_scale(&convention)));
     }
+    found.extend(search.best_axes(&as_read));
     found
 }
 
@@ -211,23 +215,37 @@ impl Search<'_> {
         (quantile(&mut relative, 0.5).unwrap_or(f64::INFINITY), count)
     }
 
-    /// The best of some conventions by their fit, of those with enough overlap.
+    /// The best of some conventions by their fit.
     fn best(
         &self,
         conventions: impl Iterator<Item = DepthConvention>,
         every: usize,
     ) -> Option<(f64, DepthConvention)> {
+        let measured = self.measured(conventions, every).into_iter();
+        measured.min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// The fit of some conventions, of those with enough overlap.
+    fn measured(
+        &self,
+        conventions: impl Iterator<Item = DepthConvention>,
+        every: usize,
+    ) -> Vec<(f64, DepthConvention)> {
         let conventions: Vec<DepthConvention> = conventions.collect();
         let measured: Vec<((f64, usize), DepthConvention)> = conventions
             .into_par_iter()
             .map(|convention| (self.fit(&convention, every), convention))
             .collect();
-        let most = measured.iter().map(|((_, count), _)| *count).max()?;
+        let most = measured
+            .iter()
+            .map(|((_, count), _)| *count)
+            .max()
+            .unwrap_or(0);
         measured
             .into_iter()
             .filter(|((_, count), _)| *count as f64 >= MIN_OVERLAP * most as f64)
             .map(|((misfit, _), convention)| (misfit, convention))
-            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .collect()
     }
 
     /// A convention with the depth scale that fits best; `None` if no scale is clearly best.
@@ -246,6 +264,18 @@ impl Search<'_> {
         }
         let scale = common_scale(convention.scale_of(self.calibration, fine.factor));
         Some(convention.with_scale(self.calibration, scale))
+    }
+
+    /// The other axes that fit best, of poses or of depth images that are turned or mirrored; `None` if none is far better.
+    fn best_axes(&self, as_read: &DepthConvention) -> Option<DepthConvention> {
+        let axes = axes_hypotheses(self.sequence).into_iter();
+        let measured = self.measured(
+            axes.map(|poses| DepthConvention::of_poses(poses, self.calibration)),
+            COARSE,
+        );
+        let (misfit, best) = simplest_of_best(&measured, |(misfit, it)| (*misfit, it.differences))?;
+        let (of_read, _) = self.fit(as_read, COARSE);
+        (*misfit < AXES_BETTER * of_read).then(|| best.clone())
     }
 
     /// The focal length that fits best.

@@ -125,7 +125,8 @@ fn compare(
 mod tests {
     use super::super::quantile;
     use super::*;
-    use crate::pose_convention::{CameraAxes, Extrinsics, PoseConvention, PoseDirection};
+    use crate::camera_axes::CameraAxes;
+    use crate::pose_convention::{Extrinsics, PoseConvention, PoseDirection};
     use linecarve_lines::image::Plane;
     use nalgebra::{Translation3, UnitQuaternion};
 
@@ -189,14 +190,14 @@ mod tests {
             let mut relative: Vec<f64> = residuals.iter().map(|r| r.1).collect();
             quantile(&mut relative, 0.5).unwrap()
         };
-        let (as_read, axes) = (PoseDirection::AsRead, CameraAxes::AsRead);
+        let (as_read, axes) = (PoseDirection::AsRead, CameraAxes::AS_READ);
         let right = median(as_read, axes, 1.0);
         assert!(right < 0.01, "{right}");
         for (direction, axes, factor) in [
             (PoseDirection::Inverse, axes, 1.0),
             (PoseDirection::RotationInverse, axes, 1.0),
-            (as_read, CameraAxes::YAndZFlipped, 1.0),
-            (PoseDirection::Inverse, CameraAxes::YAndZFlipped, 1.0),
+            (as_read, CameraAxes::Y_AND_Z_FLIPPED, 1.0),
+            (PoseDirection::Inverse, CameraAxes::Y_AND_Z_FLIPPED, 1.0),
             (as_read, axes, 5.0),
             (as_read, axes, 0.2),
         ] {

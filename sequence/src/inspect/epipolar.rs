@@ -6,9 +6,10 @@ use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use super::consistency::has_one_pose;
 use super::image_samples::{CornerPair, ImageSamples};
 use super::intrinsics_hypotheses::{FOCAL_STEP, description, focal_hypotheses, refined, section};
-use super::pose_hypotheses::{PoseHypothesis, pose_hypotheses, simplest_of_best};
+use super::pose_hypotheses::{PoseHypothesis, axes_hypotheses, pose_hypotheses, simplest_of_best};
 use super::{corners, quantile, remedy_text};
 use crate::Sequence;
 
@@ -30,6 +31,9 @@ const GOOD: f64 = 0.003;
 /// A median above this share of the width is reported even if no alternative is better: poses are too poor to
 /// triangulate.
 const BAD: f64 = 0.006;
+
+/// A median above this share of the width is no inaccuracy: other poses, images or intrinsics.
+const UNUSABLE: f64 = 0.1;
 
 /// Changes of the focal length up to this share are corrected from the images, where depth comes from them.
 const CORRECTED_FOCAL: f64 = 0.08;
@@ -121,8 +125,20 @@ pub(super) fn contradiction(sequence: &Sequence, pairs: &[CornerPair<'_>]) -> Op
     }
     let facts = matched.facts()?;
     // What does not fit either proves no other convention: the poses are inaccurate.
-    let best = facts.better()?;
-    (best.median_px < BAD * facts.width as f64).then(|| facts.said_of(best))
+    let share = |median_px: f64| median_px / facts.width as f64;
+    match facts.better().filter(|best| share(best.median_px) < BAD) {
+        Some(best) => Some(facts.said_of(best)),
+        None if has_one_pose(sequence) && share(facts.as_read.median_px) > BAD => Some(format!(
+            "all {} poses are the same, but the images move by {:.1} px: give the poses of a camera that moves, or none",
+            sequence.frames().len(),
+            facts.as_read.median_px
+        )),
+        None if share(facts.as_read.median_px) > UNUSABLE => Some(format!(
+            "{}, and no other pose convention or focal length explains it: check that poses and intrinsics belong to these images",
+            facts.poor()
+        )),
+        None => None,
+    }
 }
 
 /// Whether matched corners fit the poses as read; `None` if there are too few matches.
@@ -221,6 +237,18 @@ impl<'a> Matched<'a> {
         })
     }
 
+    /// Whether most matches lie in front of both cameras.
+    fn is_in_front(&self, poses: &PoseHypothesis, camera: &Camera) -> bool {
+        let in_front = |(frames, matches): &([usize; 2], Vec<Match>)| {
+            let motion = poses.b_from_a(self.sequence, *frames)?;
+            let is_seen =
+                |(p, q): &&Match| depths(camera, &motion, *p, *q).iter().all(|z| *z > 0.0);
+            Some(matches.iter().filter(is_seen).count())
+        };
+        let count: usize = self.pairs.iter().filter_map(in_front).sum();
+        2 * count > self.matches
+    }
+
     fn as_read(&self) -> Option<EpipolarHypothesis> {
         let poses = PoseHypothesis::as_read(self.sequence);
         self.hypothesis(&poses, self.sequence.color_camera())
@@ -243,6 +271,16 @@ impl<'a> Matched<'a> {
             .collect();
         if !self.fits_as_read() {
             others.extend(self.best_focal(camera));
+            let bad = BAD * f64::from(self.sequence.color_size().width);
+            if others.iter().all(|other| other.median_px > bad) {
+                let axes = axes_hypotheses(self.sequence);
+                // Distances to lines do not change when all axes are reversed.
+                let of_axes = axes
+                    .par_iter()
+                    .filter(|poses| self.is_in_front(poses, camera))
+                    .filter_map(|poses| self.hypothesis(poses, camera));
+                others.extend(of_axes.collect::<Vec<_>>());
+            }
         }
         others.sort_by(|a, b| a.median_px.total_cmp(&b.median_px));
         Some(EpipolarFacts {
@@ -282,21 +320,19 @@ impl<'a> Matched<'a> {
     }
 }
 
-/// The larger of the distances, in pixels, of `q` to the epipolar line of `p` and of `p` to that of `q`; `None` if a line
-/// does not exist, as without translation.
+/// The larger of the distances, in pixels, of `q` to the epipolar line of `p` and of `p` to that of `q`. Without translation the line is a
+/// point, that of the direction of `p`. `None` if that lies behind the camera.
 fn distance(camera: &Camera, b_from_a: &Isometry3<f64>, p: [f64; 2], q: [f64; 2]) -> Option<f64> {
-    let ray = |pixel: [f64; 2]| {
-        Vector3::new(
-            (pixel[0] - camera.cx()) / camera.fx(),
-            (pixel[1] - camera.cy()) / camera.fy(),
-            1.0,
-        )
-    };
-    let (a, b) = (ray(p), ray(q));
+    let (a, b) = (ray(camera, p), ray(camera, q));
     let t = b_from_a.translation.vector;
     let length = t.norm();
     if length == 0.0 {
-        return None;
+        let seen = b_from_a.rotation * a;
+        let off = [
+            camera.fx() * (seen.x / seen.z - b.x),
+            camera.fy() * (seen.y / seen.z - b.y),
+        ];
+        return (seen.z > 0.0).then(|| off[0].hypot(off[1]));
     }
     // The line of p in image b joins the epipole t and the image of the direction of p.
     let line_in_b = t.cross(&(b_from_a.rotation * a)) / length;
@@ -306,6 +342,28 @@ fn distance(camera: &Camera, b_from_a: &Isometry3<f64>, p: [f64; 2], q: [f64; 2]
     let slope = |line: &Vector3<f64>| (line.x / camera.fx()).hypot(line.y / camera.fy());
     let distance = residual / slope(&line_in_b).min(slope(&line_in_a));
     distance.is_finite().then_some(distance)
+}
+
+/// The depths of the point that two pixels see, in both images.
+fn depths(camera: &Camera, b_from_a: &Isometry3<f64>, p: [f64; 2], q: [f64; 2]) -> [f64; 2] {
+    let (a, b) = (b_from_a.rotation * ray(camera, p), ray(camera, q));
+    let t = b_from_a.translation.vector;
+    // From za a + t = zb b: the cross product with b, and with a.
+    let across = a.cross(&b);
+    let square = across.norm_squared();
+    [
+        b.cross(&t).dot(&across) / square,
+        a.cross(&t).dot(&across) / square,
+    ]
+}
+
+/// The ray of a pixel, at depth 1.
+fn ray(camera: &Camera, pixel: [f64; 2]) -> Vector3<f64> {
+    Vector3::new(
+        (pixel[0] - camera.cx()) / camera.fx(),
+        (pixel[1] - camera.cy()) / camera.fy(),
+        1.0,
+    )
 }
 
 #[cfg(test)]
@@ -329,8 +387,18 @@ mod tests {
             assert!(distance(&camera, &b_from_a, p, q).unwrap() < 1e-9);
             let off = distance(&camera, &b_from_a, p, [q[0], q[1] + 5.0]).unwrap();
             assert!((2.0..12.0).contains(&off), "{off}");
+            let [in_a, in_b] = depths(&camera, &b_from_a, p, q);
+            assert!((in_a - point.z).abs() < 1e-9 && (in_b - (b_from_a * point).z).abs() < 1e-9);
         }
         let turned = Isometry3::from_parts(Translation3::identity(), b_from_a.rotation);
-        assert_eq!(distance(&camera, &turned, [1.0, 2.0], [3.0, 4.0]), None);
+        let pixel = |p: &Point3<f64>| camera.project(p).unwrap();
+        let point = Point3::new(0.3, -0.2, 3.0);
+        let (p, q) = (pixel(&point), pixel(&(turned * point)));
+        let of = |q: [f64; 2]| distance(&camera, &turned, [p.x, p.y], q).unwrap();
+        assert!(of([q.x, q.y]) < 1e-9);
+        assert!((of([q.x + 3.0, q.y - 4.0]) - 5.0).abs() < 1e-9);
+        // Seen from behind.
+        let back = Isometry3::rotation(Vector3::new(0.0, 3.0, 0.0));
+        assert_eq!(distance(&camera, &back, [p.x, p.y], [q.x, q.y]), None);
     }
 }

@@ -65,13 +65,18 @@ fn pinhole(fx: f64, fy: f64, [cx, cy]: [f64; 2]) -> Option<Camera> {
     Camera::pinhole(fx, fy, cx, cy).ok()
 }
 
+/// Focal lengths within this share of each other are one.
+const SAME_FOCAL: f64 = 0.01;
+
 /// What differs, in words.
 pub(super) fn description(read: &Camera, found: &Camera) -> String {
-    format!(
-        "a focal length of about {} instead of {}",
-        rounded(found.mean_focal_px()),
-        rounded(read.mean_focal_px())
-    )
+    let [focal, of_read] = [found, read].map(|camera| rounded(camera.mean_focal_px()));
+    let [center, center_read] = [found, read].map(|camera| [camera.cx(), camera.cy()]);
+    if (focal / of_read - 1.0).abs() < SAME_FOCAL && center != center_read {
+        let [[cx, cy], [cx_read, cy_read]] = [center, center_read];
+        return format!("the principal point ({cx}, {cy}) instead of ({cx_read}, {cy_read})");
+    }
+    format!("a focal length of about {focal} instead of {of_read}")
 }
 
 /// The section of a sidecar with a camera that was found for images without distortion, in place of `pinhole`. `stored` is the camera of

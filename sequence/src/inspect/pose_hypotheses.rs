@@ -2,8 +2,9 @@
 
 use nalgebra::Isometry3;
 
+use super::super::camera_axes::CameraAxes;
 use super::super::pose_convention::PoseCamera;
-use super::super::pose_convention::{CameraAxes, PoseConvention, PoseDirection, QuaternionOrder};
+use super::super::pose_convention::{PoseConvention, PoseDirection, QuaternionOrder};
 use crate::Sequence;
 
 /// Description of the convention as read.
@@ -21,6 +22,8 @@ pub(super) struct PoseHypothesis {
     convention: PoseConvention,
     /// The pose of a frame is that of the frame so many further.
     pub(super) offset: isize,
+    /// Whether axes point elsewhere than those of a camera, whichever way y and z go together.
+    pub(super) is_turned: bool,
 }
 
 /// Hypotheses whose misfit is within this factor of the best count as equally good.
@@ -50,6 +53,7 @@ impl PoseHypothesis {
             differences: 0,
             convention: sequence.pose_convention,
             offset: 0,
+            is_turned: false,
         }
     }
 
@@ -112,7 +116,7 @@ pub(super) fn pose_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
     for &quaternion in &quaternions {
         for &camera in &cameras {
             for direction in directions {
-                for axes in [CameraAxes::AsRead, CameraAxes::YAndZFlipped] {
+                for axes in [CameraAxes::AS_READ, CameraAxes::Y_AND_Z_FLIPPED] {
                     let convention = PoseConvention {
                         camera,
                         direction,
@@ -131,17 +135,7 @@ pub(super) fn pose_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
     all.sort_by_key(|(words, _)| words.len());
     let mut all: Vec<PoseHypothesis> = all
         .into_iter()
-        .map(|(words, convention)| PoseHypothesis {
-            differences: words.len(),
-            remedy: (!words.is_empty()).then(|| sidecar_section(&convention)),
-            description: if words.is_empty() {
-                AS_READ.to_owned()
-            } else {
-                words.join(", ")
-            },
-            convention,
-            offset: 0,
-        })
+        .map(|(words, convention)| of_convention(&words, convention))
         .collect();
     all.extend([-1, 1].map(|offset| PoseHypothesis {
         description: format!(
@@ -152,8 +146,55 @@ pub(super) fn pose_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
         differences: 1,
         convention: base,
         offset,
+        is_turned: false,
     }));
     all
+}
+
+/// All other axes along those of a camera: of bodies, of left-handed worlds, of turned or mirrored images.
+pub(super) fn axes_hypotheses(sequence: &Sequence) -> Vec<PoseHypothesis> {
+    let base = sequence.pose_convention;
+    let inverse = match base.direction {
+        PoseDirection::AsRead | PoseDirection::RotationInverse => PoseDirection::Inverse,
+        PoseDirection::Inverse => PoseDirection::AsRead,
+    };
+    [base.direction, inverse]
+        .into_iter()
+        .flat_map(|direction| {
+            CameraAxes::all()
+                .filter(|axes| ![CameraAxes::AS_READ, CameraAxes::Y_AND_Z_FLIPPED].contains(axes))
+                .map(move |axes| PoseConvention {
+                    direction,
+                    axes,
+                    ..base
+                })
+        })
+        .map(|convention| {
+            let words = differences(&base, &convention);
+            let is_left_handed = convention.axes.is_left_handed();
+            PoseHypothesis {
+                is_turned: true,
+                // Of equal fits, as in a symmetric room, a right-handed one is the simpler.
+                differences: words.len() + usize::from(is_left_handed),
+                ..of_convention(&words, convention)
+            }
+        })
+        .collect()
+}
+
+fn of_convention(words: &[String], convention: PoseConvention) -> PoseHypothesis {
+    PoseHypothesis {
+        differences: words.len(),
+        remedy: (!words.is_empty()).then(|| sidecar_section(&convention)),
+        description: if words.is_empty() {
+            AS_READ.to_owned()
+        } else {
+            words.join(", ")
+        },
+        convention,
+        offset: 0,
+        is_turned: false,
+    }
 }
 
 /// The lines of a sidecar that set a convention.
@@ -161,36 +202,33 @@ fn sidecar_section(convention: &PoseConvention) -> String {
     format!("[poses]\n{}", convention.to_string().replace(", ", "\n"))
 }
 
-fn differences(base: &PoseConvention, other: &PoseConvention) -> Vec<&'static str> {
-    let mut words = Vec::new();
-    if other.direction != base.direction {
-        words.push(match other.direction {
-            PoseDirection::AsRead => "the pose direction of the format",
-            PoseDirection::Inverse => "the inverse poses (camera from world)",
-            PoseDirection::RotationInverse => {
-                "the inverse rotations (camera from world) at the same positions"
-            }
-        });
-    }
-    if other.axes != base.axes {
-        words.push(match other.axes {
-            CameraAxes::AsRead => "the camera axes of the format",
-            CameraAxes::YAndZFlipped => "camera axes y up, z backward (OpenGL)",
-        });
-    }
-    if other.camera != base.camera {
-        words.push(match other.camera {
-            PoseCamera::Color => "poses of the colour camera itself",
-            PoseCamera::Depth => "poses of the depth camera",
-            PoseCamera::Body => "poses of the body",
-        });
-    }
-    if other.quaternion != base.quaternion {
-        words.push(match other.quaternion {
-            QuaternionOrder::AsRead => "the quaternion order of the format",
-            QuaternionOrder::WFirst => "quaternions w x y z",
-            QuaternionOrder::WLast => "quaternions x y z w",
-        });
-    }
-    words
+fn differences(base: &PoseConvention, other: &PoseConvention) -> Vec<String> {
+    let direction = || match other.direction {
+        PoseDirection::AsRead => "the pose direction of the format",
+        PoseDirection::Inverse => "the inverse poses (camera from world)",
+        PoseDirection::RotationInverse => {
+            "the inverse rotations (camera from world) at the same positions"
+        }
+    };
+    let axes = || match other.axes {
+        CameraAxes::AS_READ => "the camera axes of the format".to_owned(),
+        axes => axes.words(),
+    };
+    let camera = || match other.camera {
+        PoseCamera::Color => "poses of the colour camera itself",
+        PoseCamera::Depth => "poses of the depth camera",
+        PoseCamera::Body => "poses of the body",
+    };
+    let quaternion = || match other.quaternion {
+        QuaternionOrder::AsRead => "the quaternion order of the format",
+        QuaternionOrder::WFirst => "quaternions w x y z",
+        QuaternionOrder::WLast => "quaternions x y z w",
+    };
+    let words = [
+        (other.direction != base.direction).then(|| direction().to_owned()),
+        (other.axes != base.axes).then(axes),
+        (other.camera != base.camera).then(|| camera().to_owned()),
+        (other.quaternion != base.quaternion).then(|| quaternion().to_owned()),
+    ];
+    words.into_iter().flatten().collect()
 }

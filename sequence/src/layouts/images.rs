@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::super::calibration::ImageSize;
+use super::super::container::Containers;
+use super::super::depth_image::depth_header;
 use super::super::image_file::image_size;
-use super::super::layout::{Folder, RecordedFrame, image_stem};
+use super::super::layout::{Folder, RecordedFrame, Recording, image_stem};
 use super::super::model::compare_names;
 use super::super::text::{TextFile, parse_stamp, parse_stamp_ns, shorten};
 use super::super::warning::WarningCounter;
@@ -241,6 +243,53 @@ fn depth_folder(folder: &Folder) -> Option<PathBuf> {
         .map(|name| folder.path().join(name))
         .find(|path| path.is_dir());
     usual.or_else(|| only_folder(folder, is_of_depth))
+}
+
+/// Gives the frames of a model, which have no depth, that of a folder of depth images beside their images.
+pub(super) fn add_depth_beside(
+    folder: &Folder,
+    recording: &mut Recording,
+) -> Result<(), SequenceError> {
+    let has_depth = recording.frames.iter().any(|frame| frame.depth.is_some());
+    let Some(path) = depth_folder(folder).filter(|_| !has_depth) else {
+        return Ok(());
+    };
+    let depths = images_in(&path)?;
+    let containers = Containers::default();
+    let is_depth = |image: &NamedImage| depth_header(&containers, &image.path, None).is_ok();
+    if !depths.first().is_some_and(is_depth) {
+        return Ok(());
+    }
+    let named = |frame: &RecordedFrame| NamedImage {
+        stem: frame
+            .color
+            .file_stem()
+            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
+        path: frame.color.clone(),
+    };
+    let images: Vec<NamedImage> = recording.frames.iter().map(named).collect();
+    let mut without = WarningCounter::default();
+    for (frame, depth) in recording
+        .frames
+        .iter_mut()
+        .zip(depths_of(&images, &[], &depths, false))
+    {
+        if depth.is_none() {
+            without.add(frame.name.clone());
+        }
+        frame.depth = depth;
+    }
+    if without.count() == recording.frames.len() {
+        return Ok(());
+    }
+    recording.calibration.depth_has_color_view = true;
+    recording.conventions.push(format!(
+        "depth: {}, of the images with the same names or numbers",
+        path.display()
+    ));
+    let warning = without.into_warning(recording.frames.len(), "images have no depth image");
+    recording.warnings.extend(warning);
+    Ok(())
 }
 
 /// Whether a name is that of depth, and of nothing that comes with it, such as its confidence.

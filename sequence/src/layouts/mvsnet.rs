@@ -146,8 +146,8 @@ fn read(
         });
     }
     if frames.is_empty() {
-        return Err(SequenceError::NoFrames {
-            folder: folder.path().to_owned(),
+        return Err(SequenceError::UnusablePoses {
+            path: folder.path().to_owned(),
             reason: format!(
                 "of {total} images {} have no file NAME{ENDING}, {} a pose that is no rigid transform",
                 missing.count(),

@@ -185,8 +185,8 @@ fn join(
         });
     }
     if frames.is_empty() {
-        return Err(SequenceError::NoFrames {
-            folder: folder.path().to_owned(),
+        return Err(SequenceError::UnusablePoses {
+            path: folder.path().to_owned(),
             reason: format!(
                 "of {total} numbered images {} have no entry in the trajectory ({} entries), {} a pose that is not finite, \
                  {} a pose that is not a rigid transform",

@@ -10,8 +10,8 @@ use nalgebra::Isometry3;
 use serde::Deserialize;
 
 use super::super::calibration::{CalibratedCamera, Calibration, ConfidenceImages, ImageSize};
+use super::super::camera_axes::half_turn_about_x;
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording, image_stem};
-use super::super::pose_convention::half_turn_about_x;
 use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
@@ -180,8 +180,8 @@ fn read(
         });
     }
     if frames.is_empty() {
-        return Err(SequenceError::NoFrames {
-            folder: images,
+        return Err(SequenceError::UnusablePoses {
+            path: images,
             reason: format!(
                 "of {total} images {} have no file in {camera_folder}/, {} a pose that is not finite: export raw data again",
                 missing.count(),

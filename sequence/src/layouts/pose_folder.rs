@@ -105,8 +105,8 @@ fn posed(
         }
     }
     if kept.is_empty() {
-        return Err(SequenceError::NoFrames {
-            folder: folder.path().to_owned(),
+        return Err(SequenceError::UnusablePoses {
+            path: folder.path().to_owned(),
             reason: format!(
                 "of {total} images {} have no pose file with their name or number, {} a pose that is no rigid transform; poses \
                  must be 4x4 matrices, world from camera",

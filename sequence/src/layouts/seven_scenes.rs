@@ -63,9 +63,13 @@ impl Layout for SevenScenes {
             out.add(frame, number, files, has_depth, source)?;
         }
         if out.frames.is_empty() {
-            return Err(SequenceError::NoFrames {
-                folder: folder.path().to_owned(),
-                reason: out.reason(total),
+            let (path, reason) = (folder.path().to_owned(), out.reason(total));
+            return Err(match source {
+                PoseSource::Layout => SequenceError::UnusablePoses { path, reason },
+                PoseSource::External => SequenceError::NoFrames {
+                    folder: path,
+                    reason,
+                },
             });
         }
         let calibration = intrinsics(folder)?;

@@ -10,11 +10,11 @@ use nalgebra::Isometry3;
 use serde::Deserialize;
 
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
+use super::super::camera_axes::half_turn_about_x;
 use super::super::image_file::image_size;
 use super::super::layout::{
     Folder, IMAGE_EXTENSIONS, Layout, PoseSource, RecordedFrame, Recording, image_stem,
 };
-use super::super::pose_convention::half_turn_about_x;
 use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
@@ -164,14 +164,19 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
         });
     }
     if frames.is_empty() {
-        return Err(SequenceError::NoFrames {
-            folder: folder.path().to_owned(),
-            reason: format!(
-                "of {total} frames of {} {} have no image, {} no rigid transform as pose",
-                path.display(),
-                missing.count(),
-                not_rigid.count()
-            ),
+        let reason = format!(
+            "of {total} frames of {} {} have no image, {} no rigid transform as pose",
+            path.display(),
+            missing.count(),
+            not_rigid.count()
+        );
+        let folder = folder.path().to_owned();
+        return Err(match not_rigid.count() {
+            0 => SequenceError::NoFrames { folder, reason },
+            _ => SequenceError::UnusablePoses {
+                path: folder,
+                reason,
+            },
         });
     }
     let most = uses.iter().copied().max().unwrap_or(0);

@@ -2,16 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
-use linecarve_lines::camera::{Camera, CameraError, Distortion};
-use nalgebra::Isometry3;
-
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording};
-use super::super::poses::{PoseFileFormat, Poses, read_stamped_quaternions, sort_and_dedup};
+use super::super::poses::{PoseFileFormat, attach, read_stamped_quaternions, sort_and_dedup};
 use super::super::text::{TextFile, parse_number, parse_stamp_ns, shorten};
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, associate};
 use super::orb_trajectory::orb_trajectory;
+use linecarve_lines::camera::{Camera, CameraError, Distortion};
 
 /// Reader of TUM RGB-D.
 pub(in super::super) struct TumRgbd;
@@ -40,38 +38,26 @@ impl Layout for TumRgbd {
 
     fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
         let mut warnings = Vec::new();
-        let list = |name: &str| folder.entry(name);
-        let images = list(IMAGES).map_or_else(
-            || Ok(Vec::new()),
-            |path| read_list(&path, folder, &mut warnings),
-        )?;
-        let poses = match source {
+        let images = list_frames(folder, &mut warnings)?;
+        if images.is_empty() {
+            return Err(SequenceError::NoFrames {
+                folder: folder.path().to_owned(),
+                reason: format!("{IMAGES} lists no image that exists{}", first_of(&warnings)),
+            });
+        }
+        let (frames, other_join) = match source {
             PoseSource::Layout => {
-                let path = list(POSES).ok_or_else(|| SequenceError::Content {
+                let path = folder.entry(POSES).ok_or_else(|| SequenceError::Content {
                     path: folder.path().join(POSES),
                     problem: "is missing: it has the poses, one 'stamp tx ty tz qx qy qz qw' a line; give a trajectory of another \
                               name with --poses FILE"
                         .to_owned(),
                 })?;
-                Some(read_poses(&path, &mut warnings)?)
+                let trajectory = read_stamped_quaternions(&path)?;
+                attach(images, true, trajectory, &path, &mut warnings)?
             }
-            PoseSource::External => None,
+            PoseSource::External => (images, None),
         };
-        let depths = match list(DEPTHS) {
-            Some(path) => read_list(&path, folder, &mut warnings)?,
-            None => Vec::new(),
-        };
-        let frames = join(images, depths, poses.as_deref(), &mut warnings);
-        if frames.is_empty() {
-            return Err(SequenceError::NoFrames {
-                folder: folder.path().to_owned(),
-                reason: format!(
-                    "no image of {IMAGES} exists and has a finite pose in {POSES} within 0.02 s: check that both have the same \
-                     clock and unit{}",
-                    first_of(&warnings)
-                ),
-            });
-        }
         let color = intrinsics(folder).map_err(|error| SequenceError::Content {
             path: folder.path().to_owned(),
             problem: error.to_string(),
@@ -80,6 +66,7 @@ impl Layout for TumRgbd {
         calibration.depth_scale = 5000.0;
         let mut recording = Recording::new(frames, calibration);
         recording.warnings = warnings;
+        recording.other_join = other_join;
         if source == PoseSource::Layout {
             recording.other_quaternion = PoseFileFormat::Tum.other_quaternion_order();
             recording.conventions.push(
@@ -104,7 +91,7 @@ pub(super) fn list_frames(
         None => Ok(Vec::new()),
     };
     let (images, depths) = (list(IMAGES)?, list(DEPTHS)?);
-    Ok(join(images, depths, None, warnings))
+    Ok(join(images, depths, warnings))
 }
 
 fn first_of(warnings: &[Warning]) -> String {
@@ -172,59 +159,17 @@ fn read_list(
     Ok(sort_and_dedup(rows, &file_name, warnings))
 }
 
-/// Reads lines `stamp tx ty tz qx qy qz qw`; invalid poses are skipped.
-fn read_poses(
-    path: &Path,
-    warnings: &mut Vec<Warning>,
-) -> Result<Vec<Stamped<Isometry3<f64>>>, SequenceError> {
-    let trajectory = read_stamped_quaternions(path)?;
-    warnings.extend(trajectory.warnings);
-    let Poses::Stamped(rows) = trajectory.poses else {
-        return Ok(Vec::new());
-    };
-    let total = rows.len();
-    let mut beyond = WarningCounter::default();
-    let rows = rows
-        .into_iter()
-        .filter_map(|(stamp, pose)| {
-            let stamp_ns = stamp.as_written_ns();
-            if stamp_ns.is_none() {
-                beyond.add(stamp.to_string());
-            }
-            Some((stamp_ns?, pose))
-        })
-        .collect();
-    warnings.extend(beyond.into_warning(
-        total,
-        "time stamps are too large for seconds; their poses were skipped",
-    ));
-    Ok(sort_and_dedup(rows, POSES, warnings))
-}
-
-/// Joins images, depth images and poses by time. Without a trajectory frames have no poses; with one, images without a
-/// pose are skipped.
+/// Joins images and depth images by time.
 fn join(
     images: Vec<Stamped<ListedImage>>,
     depths: Vec<Stamped<ListedImage>>,
-    trajectory: Option<&[Stamped<Isometry3<f64>>]>,
     warnings: &mut Vec<Warning>,
 ) -> Vec<RecordedFrame> {
-    let poses = trajectory.unwrap_or_default();
     let stamps = |rows: &[Stamped<ListedImage>]| rows.iter().map(|row| row.0).collect::<Vec<_>>();
-    let image_stamps = stamps(&images);
-    let pose_stamps: Vec<i64> = poses.iter().map(|row| row.0).collect();
-    let pose_of = associate::nearest_unique(&image_stamps, &pose_stamps, MAX_DIFFERENCE_NS);
-    let depth_of = associate::nearest_unique(&image_stamps, &stamps(&depths), MAX_DIFFERENCE_NS);
-    let total = images.len();
-    let (mut without_pose, mut without_depth) =
-        (WarningCounter::default(), WarningCounter::default());
+    let depth_of = associate::nearest_unique(&stamps(&images), &stamps(&depths), MAX_DIFFERENCE_NS);
+    let mut without_depth = WarningCounter::default();
     let mut frames = Vec::new();
     for (index, (timestamp_ns, image)) in images.into_iter().enumerate() {
-        let pose = pose_of[index].map(|at| poses[at].1);
-        if pose.is_none() && trajectory.is_some() {
-            without_pose.add(image.name);
-            continue;
-        }
         let depth = depth_of[index].map(|at| depths[at].1.path.clone());
         if depth.is_none() && !depths.is_empty() {
             without_depth.add(image.name.clone());
@@ -232,16 +177,13 @@ fn join(
         frames.push(RecordedFrame {
             name: image.name,
             timestamp_ns,
-            pose,
+            pose: None,
             color: image.path,
             depth,
             right: None,
             camera: None,
         });
     }
-    warnings.extend(
-        without_pose.into_warning(total, "images have no pose within 0.02 s and were skipped"),
-    );
     warnings.extend(
         without_depth.into_warning(frames.len(), "frames have no depth image within 0.02 s"),
     );

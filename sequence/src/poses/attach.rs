@@ -7,7 +7,7 @@ use nalgebra::Isometry3;
 
 use super::super::join::OtherJoin;
 use super::super::layout::{RecordedFrame, Recording, image_stem};
-use super::super::text::{Stamp, TimeUnit};
+use super::super::text::{Stamp, TimeUnit, shorten};
 use super::super::warning::{WarningCounter, stamp_text};
 use super::super::{SequenceError, Warning, associate};
 use super::{PoseFile, PoseFileFormat, Poses, read_pose_file, written_unit};
@@ -74,7 +74,7 @@ pub(in super::super) fn attach_file(
 ///
 /// # Errors
 /// If no frame gets a pose, or poses assigned in order and frames differ in number.
-fn attach(
+pub(in super::super) fn attach(
     frames: Vec<RecordedFrame>,
     has_time: bool,
     trajectory: PoseFile,
@@ -84,8 +84,24 @@ fn attach(
     let file = path
         .file_name()
         .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let unusable = |problem: String| SequenceError::UnusablePoses {
+        path: path.to_owned(),
+        reason: problem,
+    };
+    if trajectory.poses.valid() == 0 {
+        let skipped: Vec<String> = trajectory
+            .warnings
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        return Err(unusable(match skipped.is_empty() {
+            true => "the file has no poses".to_owned(),
+            false => skipped.join("; "),
+        }));
+    }
     warnings.extend(trajectory.warnings);
     let total = frames.len();
+    let times = times_of(&frames, &trajectory.poses);
     let mut other = None;
     let posed = match trajectory.poses {
         Poses::Stamped(rows) if has_time => {
@@ -153,22 +169,35 @@ fn attach(
         }
     }
     if kept.is_empty() {
-        return Err(SequenceError::Content {
-            path: path.to_owned(),
-            problem: format!(
-                "none of the {total} images has a pose within 0.02 s, in any unit of time, or of its name: check that images \
-                 and poses have the same clock or names{}",
-                without_pose
-                    .first()
-                    .map_or_else(String::new, |name| format!(" (first image: {name})"))
-            ),
-        });
+        return Err(unusable(format!(
+            "none of the {total} images has a pose within 0.02 s, in any unit of time, or of its name: check that images \
+             and poses have the same clock or names{times}"
+        )));
     }
     warnings.extend(without_pose.into_warning(
         total,
         &format!("images have no pose in {file} and were skipped"),
     ));
     Ok((kept, other_of_kept.map(|poses| OtherJoin { poses })))
+}
+
+/// Names of the first and the last image, and stamps or names of the first and the last pose, for messages.
+fn times_of(frames: &[RecordedFrame], poses: &Poses) -> String {
+    let of_poses = match poses {
+        Poses::Stamped(rows) => ends(rows, |row| row.0.to_string()),
+        Poses::Numbered(rows) => ends(rows, |row| row.0.to_string()),
+        Poses::Named(rows) => ends(rows, |row| shorten(&row.0)),
+        Poses::InOrder(_) => None,
+    };
+    match (ends(frames, |frame| frame.name.clone()), of_poses) {
+        (Some(images), Some(poses)) => format!(" (images {images}; poses {poses})"),
+        _ => String::new(),
+    }
+}
+
+fn ends<T>(all: &[T], text: impl Fn(&T) -> String) -> Option<String> {
+    let (first, last) = (all.first()?, all.last()?);
+    Some(format!("{} to {}", text(first), text(last)))
 }
 
 /// Whether the times of images and poses are counts: 0 1 2 ..., or from another number on.

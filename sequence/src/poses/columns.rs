@@ -267,7 +267,14 @@ fn by_head(file: &TextFile, rows: &[TextLine]) -> Option<Columns> {
                 "timestamp_ns",
             ])
         })
-        .or_else(|| names.iter().position(|name| name.starts_with("time")))?;
+        .or_else(|| names.iter().position(|name| name.starts_with("time")))
+        .or_else(|| find(&["frame", "frame_id", "image_id", "index", "id"]));
+    let is_text = parse_number(fields(rows.first()?).first()?).is_none();
+    let key = match stamp {
+        Some(stamp) => Key::Stamp(stamp),
+        None if is_text => Key::Name,
+        None => return None,
+    };
     let [x, y, z, qx, qy, qz, qw] = found;
     Some(Columns {
         format: if qw < qx {
@@ -276,7 +283,7 @@ fn by_head(file: &TextFile, rows: &[TextLine]) -> Option<Columns> {
             PoseFileFormat::Tum
         },
         count: Some(count),
-        key: Key::Stamp(stamp),
+        key,
         has_index: false,
         pose: PoseFields::Quaternion {
             position: [x, y, z],

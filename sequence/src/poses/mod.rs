@@ -5,7 +5,7 @@ mod columns;
 mod log;
 mod read;
 
-pub(super) use attach::{attach_file, sort_and_dedup};
+pub(super) use attach::{attach, attach_file, sort_and_dedup};
 pub(super) use log::{LogEntry, read_log};
 pub(super) use read::{candidates, is_trajectory, read_pose_file, read_stamped_quaternions};
 

@@ -10,7 +10,7 @@ use crate::folder_writers::{FRAMES, intrinsics_text, matrix_lines, write_icl, wr
 use crate::support::{FOCAL, SIZE, color_image, depth_image, poses, sidecar, write_seven_scenes};
 use crate::{edit, folder_with, open, warnings};
 
-fn one_line(pose: &Isometry3<f64>) -> String {
+pub(crate) fn one_line(pose: &Isometry3<f64>) -> String {
     matrix_lines(pose).replace('\n', " ") + "\n"
 }
 
@@ -23,7 +23,7 @@ fn write_loose(root: &Path, color: impl Fn(usize) -> String, depth: impl Fn(usiz
 }
 
 /// The same in `rgb/` and `depth/`.
-fn write_plain(root: &Path) {
+pub(crate) fn write_plain(root: &Path) {
     write_loose(
         root,
         |i| format!("rgb/{i}.png"),

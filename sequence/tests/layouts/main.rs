@@ -20,6 +20,7 @@ mod recorded_export;
 mod stereo;
 mod support;
 mod trajectories;
+mod unusable;
 mod writers;
 
 use std::path::Path;

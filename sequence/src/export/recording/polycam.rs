@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::RecordingError;
 use super::source::{Source, intrinsics, matrix_rows};
-use crate::pose_convention::half_turn_about_x;
+use crate::camera_axes::half_turn_about_x;
 
 pub(super) fn write(source: &Source<'_>) -> Result<(), RecordingError> {
     for folder in ["images", "cameras", "depth"] {

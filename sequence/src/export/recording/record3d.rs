@@ -9,7 +9,7 @@ use zip::ZipWriter;
 use super::RecordingError;
 use super::arrays::{packed, stored};
 use super::source::{Failure, Source, intrinsics};
-use crate::pose_convention::half_turn_about_x;
+use crate::camera_axes::half_turn_about_x;
 
 /// Name of the archive.
 const FILE: &str = "recording.r3d";

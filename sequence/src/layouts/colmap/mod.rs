@@ -23,6 +23,7 @@ use std::path::{Path, PathBuf};
 use super::super::layout::{Folder, Layout, PoseSource, Recording};
 use super::super::model::StoredModel;
 use super::super::{SequenceError, Warning};
+use super::images;
 use builder::ModelBuilder;
 use numbered::{models_in, others_left_out};
 
@@ -247,6 +248,7 @@ impl Layout for Colmap {
         recording.warnings.extend(others);
         depth_maps::add_to(&mut recording, &path);
         folder.claim("stereo");
+        images::add_depth_beside(folder, &mut recording)?;
         recording.conventions.push(format!(
             "poses: COLMAP {} in {}, camera from world, inverted; pixels are shifted by half a pixel, since COLMAP's first \
              pixel centre is (0.5, 0.5)",

@@ -122,8 +122,8 @@ pub(super) fn read(
         });
     }
     if frames.is_empty() {
-        return Err(SequenceError::NoFrames {
-            folder: root.to_owned(),
+        return Err(SequenceError::UnusablePoses {
+            path: root.to_owned(),
             reason: format!(
                 "none of {} poses in {POSES} is a rigid transform",
                 names.len()
