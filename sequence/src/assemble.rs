@@ -24,6 +24,9 @@ use super::undistortion::{Undistortion, pinhole_of};
 use super::unread;
 use super::{DepthCalibration, DepthValues, Frame, Sequence, SequenceError};
 
+/// Largest ratio of the aspect ratios of depth and images that show the same: models round sizes to whole patches.
+const MAX_ASPECT_CHANGE: f64 = 1.1;
+
 /// Builds the sequence from a recording with final calibration; checks that calibration and images fit.
 pub(super) fn assemble(
     folder: &Path,
@@ -113,7 +116,9 @@ pub(super) fn assemble(
         &mut calibration,
         &color.camera,
         color_size.size,
-        depth_size.as_ref().map(|(_, size)| *size),
+        depth_size
+            .as_ref()
+            .map(|(path, size)| (path.as_path(), *size)),
     )?;
     let color_undistortion = (!frames.is_empty())
         .then(|| Undistortion::new(&color.camera, color_size.size))
@@ -218,13 +223,24 @@ fn add_depth_of_color_view(
     calibration: &mut Calibration,
     color: &Camera,
     color_size: ImageSize,
-    depth_size: Option<ImageSize>,
+    depth: Option<(&Path, ImageSize)>,
 ) -> Result<bool, SequenceError> {
-    let Some(depth_size) = depth_size.filter(|size| *size != color_size) else {
+    let Some((depth_path, depth_size)) = depth.filter(|(_, size)| *size != color_size) else {
         return Ok(false);
     };
     if !calibration.depth_has_color_view || calibration.depth.is_some() {
         return Ok(false);
+    }
+    let aspect = |size: ImageSize| f64::from(size.width) / f64::from(size.height);
+    if (aspect(depth_size) / aspect(color_size)).ln().abs() > MAX_ASPECT_CHANGE.ln() {
+        return Err(SequenceError::Content {
+            path: depth_path.to_owned(),
+            problem: format!(
+                "depth of {} x {} pixels cannot show the same as images of {} x {}: width and height may be exchanged, or depth turned; \
+                 a depth camera of its own is given in [depth] of {SIDECAR_FILE}",
+                depth_size.width, depth_size.height, color_size.width, color_size.height
+            ),
+        });
     }
     let source = "the colour camera, at the size of the depth images";
     let camera =

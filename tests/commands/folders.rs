@@ -13,7 +13,7 @@ use crate::room_folders::{
 };
 
 /// What is broken, how, and what the error must say.
-const FAULTS: [(&str, Writing, &str); 14] = [
+const FAULTS: [(&str, Writing, &str); 15] = [
     (
         "scale",
         Writing {
@@ -101,6 +101,14 @@ const FAULTS: [(&str, Writing, &str); 14] = [
             ..RIGHT
         },
         "quaternion = \"w-first\"",
+    ),
+    (
+        "scrambled",
+        Writing {
+            is_scrambled: true,
+            ..RIGHT
+        },
+        "check that",
     ),
     (
         "moved depth",

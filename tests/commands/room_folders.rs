@@ -103,6 +103,8 @@ pub(crate) struct Writing {
     pub(crate) axes: Axes,
     /// Whether all frames have the first pose.
     pub(crate) is_still: bool,
+    /// Whether each pose has a rotation of its own.
+    pub(crate) is_scrambled: bool,
     /// Pixels by which depth images are moved to the right.
     pub(crate) moved_depth: usize,
     /// Whether depth images are mirrored from left to right.
@@ -162,6 +164,7 @@ pub(crate) const RIGHT: Writing = Writing {
     axes: Axes::Camera,
     is_still: false,
     has_mirrored_depth: false,
+    is_scrambled: false,
     moved_depth: 0,
     is_w_first: false,
     focal: 1.0,
@@ -178,6 +181,10 @@ impl Writing {
                     at.saturating_sub(self.shift)
                 };
                 let mut pose = self.axes.pose(&room.poses[at]);
+                if self.is_scrambled {
+                    let turn = Vector3::new(0.3, 1.0, -0.5) * (1.3 * at as f64);
+                    pose.rotation *= UnitQuaternion::from_scaled_axis(turn);
+                }
                 if self.is_inverse {
                     pose = pose.inverse();
                 }

@@ -48,8 +48,7 @@ pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> 
         DepthVerdict::Agrees | DepthVerdict::Unknown => None,
         DepthVerdict::Unexplained(text) => Some(text),
     };
-    let found = of_corners(sequence, |pairs| epipolar::contradiction(sequence, pairs))?;
-    let found = found.or(unexplained);
+    let found = contradiction_of_corners(sequence)?.or(unexplained);
     if found.is_none() && is_registered(sequence) {
         return misregistration(sequence);
     }
@@ -62,14 +61,32 @@ fn misregistration(sequence: &Sequence) -> Result<Option<String>, FrameError> {
     Ok(facts.and_then(|facts| facts.warning()))
 }
 
+/// What contradicts corners. Images beside each other are asked if those that are near by their poses do not match, as under wrong poses.
+fn contradiction_of_corners(sequence: &Sequence) -> Result<Option<String>, FrameError> {
+    let ask = |pairs: &[CornerPair<'_>]| epipolar::contradiction(sequence, pairs);
+    if let Some(found) = of_corners(sequence, ask)? {
+        return Ok(found);
+    }
+    let steps = evenly_spaced(sequence.frames().len().saturating_sub(1), PAIRS);
+    let beside: Vec<[usize; 2]> = steps.into_iter().map(|at| [at, at + 1]).collect();
+    Ok(of_pairs(sequence, &beside, ask)?.flatten())
+}
+
 /// What a few pairs of images say by their corners.
 fn of_corners<T>(
     sequence: &Sequence,
     ask: impl FnOnce(&[CornerPair<'_>]) -> Option<T>,
 ) -> Result<Option<T>, FrameError> {
-    let pairs = pairs(sequence, |_| true);
-    let corners = FrameCorners::find(sequence, &pairs)?;
-    Ok(ask(&corners.pairs(&pairs)))
+    of_pairs(sequence, &pairs(sequence, |_| true), ask)
+}
+
+fn of_pairs<T>(
+    sequence: &Sequence,
+    pairs: &[[usize; 2]],
+    ask: impl FnOnce(&[CornerPair<'_>]) -> Option<T>,
+) -> Result<Option<T>, FrameError> {
+    let corners = FrameCorners::find(sequence, pairs)?;
+    Ok(ask(&corners.pairs(pairs)))
 }
 
 /// A text after the file that the poses are of: a folder may have several.

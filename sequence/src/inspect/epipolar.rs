@@ -118,12 +118,20 @@ impl EpipolarFacts {
 
 /// What contradicts the matched corners of a few pairs of images: the simplest of the best alternatives, in words. Alternatives are only
 /// tried if the poses as read do not fit.
-pub(super) fn contradiction(sequence: &Sequence, pairs: &[CornerPair<'_>]) -> Option<String> {
+///
+/// `None` if there are too few matches to tell.
+pub(super) fn contradiction(
+    sequence: &Sequence,
+    pairs: &[CornerPair<'_>],
+) -> Option<Option<String>> {
     let matched = Matched::of(sequence, pairs)?;
     if matched.fits_as_read() {
-        return None;
+        return Some(None);
     }
-    let facts = matched.facts()?;
+    Some(contradiction_of(sequence, &matched.facts()?))
+}
+
+fn contradiction_of(sequence: &Sequence, facts: &EpipolarFacts) -> Option<String> {
     // What does not fit either proves no other convention: the poses are inaccurate.
     let share = |median_px: f64| median_px / facts.width as f64;
     match facts.better().filter(|best| share(best.median_px) < BAD) {

@@ -14,7 +14,7 @@ use super::super::camera_axes::half_turn_about_x;
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording, image_stem};
 use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
-use super::super::{SequenceError, rigid};
+use super::super::{SequenceError, Warning, rigid};
 use super::frame_cameras::{FrameCameras, pinhole};
 use super::images;
 
@@ -179,6 +179,7 @@ fn read(
             camera: Some(cameras.add(file.camera(&path)?)),
         });
     }
+    let left_out = others_left_out(root, camera_folder, total);
     if frames.is_empty() {
         return Err(SequenceError::UnusablePoses {
             path: images,
@@ -198,6 +199,7 @@ fn read(
     let mut recording = Recording::new(frames, calibration);
     recording.has_time = has_time;
     let warnings = &mut recording.warnings;
+    warnings.extend(left_out);
     warnings.extend(missing.into_warning(total, "images have no camera file and were skipped"));
     warnings.extend(invalid.into_warning(
         total,
@@ -213,6 +215,20 @@ fn read(
     }
     cameras.give_to(&mut recording);
     Ok(recording)
+}
+
+/// A warning that the recording has more images than those whose cameras were corrected.
+fn others_left_out(root: &Path, camera_folder: &str, total: usize) -> Option<Warning> {
+    let [[corrected, _], [cameras, images]] = FOLDERS;
+    if camera_folder != corrected {
+        return None;
+    }
+    let all = images::files_in(&root.join(images)).ok()?.len();
+    (all > total).then(|| {
+        Warning::statement(format!(
+            "{total} of {all} images have a corrected camera, and the others were left out: without {corrected}/ all are read with {cameras}/"
+        ))
+    })
 }
 
 /// Takes the microseconds of the names as times, if all names are numbers.

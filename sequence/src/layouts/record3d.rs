@@ -225,10 +225,18 @@ fn metadata_of(root: &Path) -> Result<(PathBuf, Metadata), SequenceError> {
         .into_iter()
         .find(|name| names.iter().any(|entry| entry == name));
     let Some(name) = found else {
+        let inner = names.iter().find_map(|name| name.strip_suffix("/metadata"));
+        let problem = match inner {
+            Some(inner) => format!(
+                "has its metadata in the folder {inner}/ of the archive: unpack it, and give that folder"
+            ),
+            None => {
+                "has no metadata: it is no recording of Record3D, or not a whole one".to_owned()
+            }
+        };
         return Err(SequenceError::Content {
             path: root.to_owned(),
-            problem: "has no metadata: it is no recording of Record3D, or not a whole one"
-                .to_owned(),
+            problem,
         });
     };
     let path = root.join(name);

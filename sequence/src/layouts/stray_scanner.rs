@@ -22,6 +22,7 @@ const ODOMETRY: &str = "odometry.csv";
 const CAMERA: &str = "camera_matrix.csv";
 const VIDEO: &str = "rgb.mp4";
 const IMAGES: &str = "rgb";
+const DEPTH: &str = "depth";
 
 impl Layout for StrayScanner {
     fn name(&self) -> &'static str {
@@ -50,7 +51,8 @@ impl Layout for StrayScanner {
             folder.claim(name);
         }
         let mut warnings = Vec::new();
-        let listing = images::from_files(folder, &path, &mut warnings)?;
+        let mut of_pictures = Vec::new();
+        let listing = images::from_files(folder, &path, &mut of_pictures)?;
         if listing.frames.is_empty() {
             return Err(video_first(folder));
         }
@@ -58,10 +60,19 @@ impl Layout for StrayScanner {
         let rows = read_odometry(&odometry)?;
         let color = intrinsics_file::read(&folder.path().join(CAMERA), None)?;
         let mut cameras = FrameCameras::default();
+        let mut pictures = listing.frames;
+        if are_counted_from_one(&pictures, &rows) {
+            count_from_zero(&mut pictures, &folder.path().join(DEPTH))?;
+            warnings.push(Warning::statement(format!(
+                "pictures in {IMAGES}/ count from 1, frames in {ODOMETRY} and depth from 0: picture 1 is read as frame 0"
+            )));
+        } else {
+            warnings.extend(of_pictures);
+        }
         let frames = joined(
             &odometry,
             &rows,
-            listing.frames,
+            pictures,
             source,
             &mut cameras,
             &mut warnings,
@@ -95,6 +106,34 @@ fn video_first(folder: &Folder) -> SequenceError {
              ffmpeg -i {folder_path}/{VIDEO} -start_number 0 {folder_path}/{IMAGES}/%06d.png); reconstruct, track and info do so by themselves"
         ),
     }
+}
+
+/// Whether the pictures have the numbers that a decoder gives by default, from 1: the frames have another first and last.
+fn are_counted_from_one(pictures: &[RecordedFrame], rows: &BTreeMap<u64, Row>) -> bool {
+    let numbers = || {
+        pictures
+            .iter()
+            .filter_map(|frame| images::number_of(&frame.name))
+    };
+    let last = rows.keys().next_back().map(|last| last + 1);
+    rows.contains_key(&0) && numbers().min() == Some(1) && numbers().max() == last
+}
+
+/// Gives each picture the number before its own, and the depth image of that.
+fn count_from_zero(pictures: &mut [RecordedFrame], depths: &Path) -> Result<(), SequenceError> {
+    let depths: BTreeMap<u64, PathBuf> = match depths.is_dir() {
+        true => images::files_in(depths)?
+            .into_iter()
+            .filter_map(|(stem, path)| Some((images::number_of(&stem)?, path)))
+            .collect(),
+        false => BTreeMap::new(),
+    };
+    for frame in pictures {
+        let number = images::number_of(&frame.name).unwrap_or(1) - 1;
+        frame.name = format!("{number:06}");
+        frame.depth = depths.get(&number).cloned();
+    }
+    Ok(())
 }
 
 /// A row of the odometry.

@@ -10,7 +10,7 @@ use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
 
 use crate::phone_layouts::RECORDINGS;
-use crate::support::write_tum;
+use crate::support::{SIZE, write_tum};
 use crate::{folder_with, open, replace};
 
 fn written(layout: RecordingLayout) -> tempfile::TempDir {
@@ -340,4 +340,86 @@ fn files_in(folder: &Path) -> Vec<PathBuf> {
     }
     files.sort();
     files
+}
+
+#[test]
+fn depth_that_is_turned_against_the_images_is_refused() {
+    let folder = written(RecordingLayout::Record3d);
+    let path = folder.path().join("recording.r3d");
+    let [width, height] = [SIZE.0, SIZE.1];
+    change(&path, "metadata", |bytes| {
+        let text = String::from_utf8(bytes).unwrap();
+        let dw = text.replace(&format!("\"dw\":{width}"), &format!("\"dw\":{height}"));
+        let turned = dw.replace(&format!("\"dh\":{height}"), &format!("\"dh\":{width}"));
+        assert_ne!(turned, text);
+        Some(turned.into_bytes())
+    });
+    assert_named(folder.path(), &["0.depth", "48 x 64", "exchanged"]);
+}
+
+#[test]
+fn a_folder_in_an_archive_is_named() {
+    let folder = written(RecordingLayout::Record3d);
+    let path = folder.path().join("recording.r3d");
+    let mut archive = ZipArchive::new(std::fs::File::open(&path).unwrap()).unwrap();
+    let packed = folder.path().join("packed.r3d");
+    let mut writer = ZipWriter::new(std::fs::File::create(&packed).unwrap());
+    for at in 0..archive.len() {
+        let mut member = archive.by_index(at).unwrap();
+        let name = format!("scan/{}", member.name().unwrap());
+        let mut bytes = Vec::new();
+        member.read_to_end(&mut bytes).unwrap();
+        writer
+            .start_file(name, SimpleFileOptions::default())
+            .unwrap();
+        writer.write_all(&bytes).unwrap();
+    }
+    writer.finish().unwrap();
+    assert_named(&packed, &["packed.r3d", "scan/", "unpack"]);
+}
+
+#[test]
+fn pictures_that_count_from_one_are_those_of_the_frames_from_zero() {
+    let folder = written(RecordingLayout::StrayScanner);
+    let right = open(folder.path()).unwrap();
+    let count = right.frames().len();
+    for at in (0..count).rev() {
+        let [from, to] = [format!("rgb/{at:06}.png"), format!("rgb/{:05}.png", at + 1)]
+            .map(|name| folder.path().join(name));
+        std::fs::rename(from, to).unwrap();
+    }
+    let sequence = open(folder.path()).unwrap();
+    assert_eq!(sequence.frames().len(), count);
+    for (found, right) in sequence.frames().iter().zip(right.frames()) {
+        assert_eq!(found.world_from_camera, right.world_from_camera);
+        assert_eq!((&found.depth, &found.name), (&right.depth, &right.name));
+    }
+    assert!(sequence.frames()[0].color.ends_with("00001.png"));
+    let said = crate::warnings(&sequence);
+    assert!(
+        said.contains("count from 1") && !said.contains("no depth"),
+        "{said}"
+    );
+}
+
+#[test]
+fn images_without_a_corrected_camera_are_counted() {
+    let folder = written(RecordingLayout::Polycam);
+    let keyframes = folder.path().join("keyframes");
+    for name in ["cameras", "images"] {
+        let corrected = keyframes.join(format!("corrected_{name}"));
+        std::fs::create_dir(&corrected).unwrap();
+        let mut files = files_in(&keyframes.join(name));
+        files.sort();
+        for path in &files[..2] {
+            std::fs::copy(path, corrected.join(path.file_name().unwrap())).unwrap();
+        }
+    }
+    let sequence = open(folder.path()).unwrap();
+    assert_eq!(sequence.frames().len(), 2);
+    let said = crate::warnings(&sequence);
+    assert!(
+        said.contains("2 of 3 images have a corrected camera"),
+        "{said}"
+    );
 }

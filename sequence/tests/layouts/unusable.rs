@@ -30,7 +30,6 @@ fn axes_of_bodies_and_turned_images_are_named_and_read() {
         ("flu", [forward, -right, -down]),
         ("frd", [forward, right, down]),
         ("luf", [-right, -down, forward]),
-        ("dlf", [down, -right, forward]),
     ] {
         let folder = folder_with(|root| {
             write_plain(root);
