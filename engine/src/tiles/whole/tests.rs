@@ -1,7 +1,9 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use linecarve_sequence::SparseModel;
 use linecarve_synth::{CityOptions, write_city};
+use nalgebra::{Point3, Vector3};
 
 use super::*;
 use crate::recording::SourceChoice;
@@ -26,6 +28,22 @@ fn mesh_of(input: &Input, is_closed: bool) -> PointMesh {
     mesh.unwrap().unwrap()
 }
 
+/// A model in memory with the options of its recording, in the frame of computation.
+fn model_of(input: &Input) -> (SparseModel, Options, Vector3<f64>) {
+    let mut recording = Recording::open(input, Options::default()).unwrap();
+    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
+    (model, recording.options, recording.origin)
+}
+
+fn mesh_of_model(
+    model: &SparseModel,
+    options: &Options,
+    origin: Vector3<f64>,
+) -> Result<PointMesh, ProjectError> {
+    let folder = tempfile::tempdir().unwrap();
+    Selection::of_model(model, options.clone(), origin)?.mesh(false, folder.path())
+}
+
 #[test]
 fn the_mesh_is_that_of_a_reconstruction() {
     let folder = tempfile::tempdir().unwrap();
@@ -43,10 +61,8 @@ fn the_mesh_is_that_of_a_reconstruction() {
     assert!(streamed.mesh.positions == expected.positions);
     assert!(streamed.mesh.triangles == expected.triangles);
     // A model that is read as a whole.
-    let mut recording = Recording::open(&input, Options::default()).unwrap();
-    let (origin, options) = (recording.origin, recording.options.clone());
-    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
-    let read = of_model(model, &options, origin, false).unwrap();
+    let (model, options, origin) = model_of(&input);
+    let read = mesh_of_model(&model, &options, origin).unwrap();
     assert!(read.mesh == streamed.mesh);
     assert_eq!(read.counts, streamed.counts);
 }
@@ -126,11 +142,9 @@ fn hostile_clouds_end() {
     let folder = tempfile::tempdir().unwrap();
     let at = city(3000, folder.path());
     let whole = mesh_of(&at, false);
-    let mut recording = Recording::open(&at, Options::default()).unwrap();
-    let options = recording.options.clone();
-    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
+    let (model, options, _) = model_of(&at);
     let mesh = |model: SparseModel| {
-        let made = of_model(model, &options, Vector3::zeros(), false).unwrap();
+        let made = mesh_of_model(&model, &options, Vector3::zeros()).unwrap();
         (made.mesh.triangles.len(), made)
     };
     let center = |model: &SparseModel, view: usize| {
@@ -166,7 +180,7 @@ fn hostile_clouds_end() {
     // A view that there is not.
     let mut unknown = model;
     unknown.points[5].observations[0].view = 1 << 20;
-    let refused = of_model(unknown, &options, Vector3::zeros(), false).unwrap_err();
+    let refused = mesh_of_model(&unknown, &options, Vector3::zeros()).unwrap_err();
     assert!(refused.to_string().contains("point 5"), "{refused}");
 }
 
@@ -175,12 +189,10 @@ fn hostile_clouds_end() {
 fn points_at_one_position_cost_one_point() {
     let folder = tempfile::tempdir().unwrap();
     let at = city(2000, folder.path());
-    let mut recording = Recording::open(&at, Options::default()).unwrap();
-    let options = recording.options.clone();
-    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
+    let (model, options, _) = model_of(&at);
     let mut many = model.clone();
     many.points = (0..100).flat_map(|_| model.points.clone()).collect();
-    let made = of_model(many, &options, Vector3::zeros(), false).unwrap();
+    let made = mesh_of_model(&many, &options, Vector3::zeros()).unwrap();
     assert!(made.carved >= made.mesh.positions.len() / 2);
     assert!(!made.mesh.triangles.is_empty());
 }
