@@ -6,7 +6,7 @@ use linecarve_synth::{CityOptions, write_city};
 use nalgebra::{Point3, Vector3};
 
 use super::*;
-use crate::recording::SourceChoice;
+use crate::recording::{Recording, SourceChoice};
 use crate::{Reconstruction, RunOptions, run::CancelToken};
 
 fn city(points: usize, folder: &Path) -> Input {
