@@ -90,11 +90,7 @@ fn coordinates_in_single_precision_are_refused_where_they_are_rounded() {
     let folder = tempfile::tempdir().unwrap();
     let at = city(4000, folder.path());
     let bytes = std::fs::read(&at.path).unwrap();
-    let start = bytes
-        .windows(11)
-        .position(|it| it == b"end_header\n")
-        .unwrap()
-        + 11;
+    let start = split_cloud(&bytes).0.len();
     let offset = [500_000.0_f32, 5_400_000.0, 0.0];
     let mut moved = bytes.clone();
     for row in moved[start..].chunks_exact_mut(27) {
@@ -134,6 +130,68 @@ fn shifted(line: &str, offset: [f32; 3]) -> String {
         "{id} {w} {x} {y} {z} {} {} {} {camera} {name}",
         t.x, t.y, t.z
     )
+}
+
+/// The header of a cloud with its last line, and the rows after it.
+fn split_cloud(bytes: &[u8]) -> (String, &[u8]) {
+    let end = b"end_header\n";
+    let start = bytes.windows(end.len()).position(|it| it == end).unwrap() + end.len();
+    let header = String::from_utf8(bytes[..start].to_vec()).unwrap();
+    (header, &bytes[start..])
+}
+
+#[test]
+fn numbers_in_other_forms_give_the_same_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = city(3000, folder.path());
+    let expected = mesh_of(&at, false).mesh;
+    assert!(expected.triangles.len() > 1000);
+    let bytes = std::fs::read(&at.path).unwrap();
+    let (header, rows) = split_cloud(&bytes);
+    let big_header = header.replace("little_endian", "big_endian");
+    let double_header = header.replace("float", "double");
+    let (mut big, mut double) = (big_header.into_bytes(), double_header.into_bytes());
+    for row in rows.chunks_exact(27) {
+        let (floats, colors) = row.split_at(24);
+        for float in floats.chunks_exact(4) {
+            let number = f32::from_le_bytes(float.try_into().unwrap());
+            big.extend(number.to_be_bytes());
+            double.extend(f64::from(number).to_le_bytes());
+        }
+        big.extend(colors);
+        double.extend(colors);
+    }
+    for (bytes, is_streamed) in [(big, false), (double, true)] {
+        std::fs::write(&at.path, bytes).unwrap();
+        assert_eq!(at.dense_cloud().unwrap().is_some(), is_streamed);
+        assert!(mesh_of(&at, false).mesh == expected);
+    }
+}
+
+#[test]
+fn views_that_do_not_fit_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = city(3000, folder.path());
+    let path = at.path.with_file_name("fused.ply.vis");
+    let bytes = std::fs::read(&path).unwrap();
+    let mut another_count = bytes.clone();
+    another_count[0] ^= 1;
+    let mut unknown_image = bytes.clone();
+    unknown_image[12..16].copy_from_slice(&u32::MAX.to_le_bytes());
+    let cut_off = bytes[..bytes.len() - 2].to_vec();
+    for (bytes, remedy) in [
+        (another_count, "fuse both again"),
+        (unknown_image, "give the model that was fused"),
+        (cut_off, "copy it again"),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        let refused = mesh_points(&at, Options::default(), false, folder.path());
+        let text = refused.unwrap_err().to_string();
+        assert!(
+            text.contains("fused.ply") && text.contains(remedy),
+            "{text}"
+        );
+    }
 }
 
 /// Observations that cannot be used leave the others alone.
