@@ -64,10 +64,13 @@ pub(crate) struct SelectedPoints {
 }
 
 impl SelectedPoints {
-    /// Linear in the number of observations; quadratic in the track length of points with small parallax.
+    /// Selects the points of a model, in the model's frame.
     ///
     /// # Errors
     /// When an observation names a view that does not exist.
+    ///
+    /// # Complexity
+    /// Linear in the number of observations; quadratic in the track length of points with small parallax.
     pub(crate) fn of(model: &SparseModel, options: &Options) -> Result<Self, MapError> {
         let (views, points) = (model.views.len(), &model.points);
         let statistics = ViewStatistics::of(points);
