@@ -12,13 +12,14 @@
 ///
 /// Without the first, glibc raises the size of blocks that get a mapping of their own up to 32 MiB, and the gaps that grown arrays leave
 /// stay resident. Without the second, each of the many places of a map that a keyframe reads costs an address translation of its own, the
-/// more the larger the map. For that the addresses of a large heap are taken at once, which a process with a limit of its addresses
-/// `is_limited` must not do: what they hold would not count.
-pub fn set_up(is_limited: bool) {
+/// more the larger the map. For that the addresses of a large heap are taken at once. Until they are used up, large blocks lie among them,
+/// too, with gaps. With `is_small` the heap grows as it is used: for a process with a limit of its addresses, whose heap would not count, and
+/// for commands whose memory is mostly large blocks.
+pub fn set_up(is_small: bool) {
     #[cfg(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64"))]
-    glibc::set_up(is_limited);
+    glibc::set_up(is_small);
     #[cfg(not(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64")))]
-    let _ = is_limited;
+    let _ = is_small;
 }
 
 #[cfg(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64"))]
@@ -31,11 +32,11 @@ mod glibc {
     /// Addresses that it takes at a time when these are used up, in bytes.
     const GROWTH: i32 = 1 << 20;
 
-    pub(super) fn set_up(is_limited: bool) {
+    pub(super) fn set_up(is_small: bool) {
         set(libc::M_MMAP_THRESHOLD, OWN_MAPPING);
         // One heap for all threads, which is the one that is reserved, and keeps its addresses.
         set(libc::M_ARENA_MAX, 1);
-        if !is_limited {
+        if !is_small {
             set(libc::M_TRIM_THRESHOLD, i32::MAX);
             set(libc::M_TOP_PAD, RESERVED);
             ask_for_huge_pages();

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 use linecarve_carving::ExportOptions;
 use linecarve_mesh::{StreamedMesh, TriangleMesh, write_mesh_ply, write_streamed_mesh_ply};
-use linecarve_tiles::{MergedMesh, PlanOptions, TilesError, Work, merged_mesh, merged_surface};
+use linecarve_tiles::{MergedMesh, TilesError, Work, merged_mesh, merged_surface};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -28,9 +28,10 @@ pub use slurm::slurm_script;
 pub use task::{Task, TaskStage};
 pub use whole::{PointMesh, mesh_points};
 
-use crate::map::{Map, close_all_holes};
+use crate::map::close_all_holes;
 use crate::options::{HoleFilling, Options};
-use crate::recording::{Input, Recording, SourceChoice};
+use crate::recording::{Input, SourceChoice};
+use selection::Opened;
 
 /// Points of a tile when the number of tiles is not given.
 const POINTS_OF_TILE: usize = 1_000_000;
@@ -97,35 +98,20 @@ pub fn plan(
     // Others are refused below.
     let is_plain =
         is_plain && input.source == SourceChoice::MapPoints && input.selection.given.is_empty();
-    if is_plain && let Some(cloud) = input.dense_cloud()? {
-        ensure_no_sequence(folder)?;
-        let work = cloud::plan(&cloud, &options, split, folder)?;
-        return Ok(Planned::Model(Box::new(work)));
-    }
-    let mut recording = Recording::open(input, options)?;
-    let Some(model) = recording.take_model() else {
-        let plan = SequencePlan::create(&recording, input, split, folder)?;
-        return Ok(Planned::Sequence(Box::new(plan)));
+    let cloud = match is_plain {
+        true => input.dense_cloud()?,
+        false => None,
     };
-    ensure_no_sequence(folder)?;
-    let mut map = Map::of_model(&recording.options, model)?;
-    map.defer_carving();
-    map.enter_model()?;
-    let carver = map.carver();
-    let mut options = PlanOptions::default();
-    options.tiles = split
-        .tiles
-        .unwrap_or(carver.point_count().div_ceil(POINTS_OF_TILE));
-    options.halo = split.halo;
-    options.keeps_neighbors = map.cloud().is_some();
-    let export = map.export_options();
-    let dense = map.cloud().map(|_| export);
-    let finish = Finish::text(recording.origin.into(), &recording.options, dense)?;
-    let work = linecarve_tiles::plan(folder, carver, &export, &options, finish)?;
-    if let Some(surface) = map.cloud() {
-        cloud::write_surface(surface, folder)?;
-    }
-    Ok(Planned::Model(Box::new(work)))
+    Ok(match Opened::new(input, cloud.as_ref(), options, folder)? {
+        Opened::Points(points) => {
+            ensure_no_sequence(folder)?;
+            Planned::Model(Box::new(points.plan(split, folder)?))
+        }
+        Opened::Recording(recording) => {
+            let plan = SequencePlan::create(&recording, input, split, folder)?;
+            Planned::Sequence(Box::new(plan))
+        }
+    })
 }
 
 /// Refuses the folder of a sequence.

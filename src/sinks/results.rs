@@ -6,7 +6,6 @@ use anyhow::Context;
 use linecarve_mesh::render::write_png;
 use linecarve_mesh::texture::{EncodedTexture, TextureFormat};
 use linecarve_mesh::{LineSet, TriangleMesh, write_glb, write_points_ply};
-use linecarve_sequence::ModelPoint;
 use nalgebra::Point3;
 
 use super::feature_edges;
@@ -189,8 +188,7 @@ fn encoded_texture(
 fn cloud(run: &Reconstruction) -> Option<LineSet> {
     let map = run.map();
     let Some(points) = map.feature_points() else {
-        let colored = |point: &ModelPoint| (point.point_in_world, point.color);
-        return Some(cloud_of(map.carved_points()?.map(colored)));
+        return Some(cloud_of(map.carved_points()?));
     };
     let gray = |(position, value)| (position, Some([value; 3]));
     Some(cloud_of(points.carved_points().map(gray)))

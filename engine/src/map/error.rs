@@ -45,14 +45,6 @@ pub enum MapError {
         /// The cause.
         source: TransactionError,
     },
-    /// The carver rejects a point of a model.
-    #[error("point {point} of the model cannot be used: {source}")]
-    Point {
-        /// Index of the point.
-        point: usize,
-        /// The cause.
-        source: TransactionError,
-    },
     /// The keyframe comes from a front end of another kind than the map.
     #[error("the keyframe does not match the kind of this map")]
     WrongKeyframe,

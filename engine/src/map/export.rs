@@ -51,19 +51,14 @@ impl Map {
             cloud,
         ) {
             (Some(surface), _) => surface.to_mesh(),
-            (None, Some(cloud)) => cloud.mesh_of(&self.carver, &export, false),
+            (None, Some(cloud)) => cloud.mesh_of(&self.carver, &export),
             _ if self.is_fitted() => {
                 let mut surface = self.new_surface();
                 self.update_surface(&mut surface);
                 surface.to_mesh()
             }
-            _ => self.extract_surface(),
+            _ => carved_mesh(&self.carver, &export),
         }
-    }
-
-    /// The current surface of a map of points, made anew from the carver.
-    fn extract_surface(&self) -> TriangleMesh {
-        carved_mesh(&self.carver, &self.export_options())
     }
 
     /// Filters and repair of the exported surface.
@@ -73,7 +68,7 @@ impl Map {
 }
 
 /// The surface as it is carved, without colours.
-pub(crate) fn carved_mesh(carver: &Carver, export: &ExportOptions) -> TriangleMesh {
+fn carved_mesh(carver: &Carver, export: &ExportOptions) -> TriangleMesh {
     let (mesh, _) = carver.mesh_where(export, |_| TriangleRole::Exported);
     TriangleMesh {
         positions: mesh.vertices,

@@ -25,6 +25,7 @@ mod provisional;
 mod ray_selection;
 mod segment_map;
 mod segment_points;
+mod selection;
 mod sources;
 mod surface;
 mod surface_points;
@@ -38,22 +39,22 @@ use std::time::{Duration, Instant};
 
 use linecarve_carving::{Carver, Triangle, TriangleRole, VertexId};
 use linecarve_points::PointMap;
-use linecarve_sequence::{ModelPoint, SparseModel};
+use linecarve_sequence::SparseModel;
 use nalgebra::{Isometry3, Point3};
 
 use crate::front_end::Keyframe;
 use crate::options::Options;
-use cloud::{CloudSurface, CloudVertices};
+use cloud::{CloudSurface, CloudVertices, JoinedPoint};
 use contents::Contents;
 use lines::LineMap;
 
 pub use carved::CarvedCounts;
 pub use error::MapError;
-pub(crate) use export::{carved_mesh, close_all_holes, export_options};
-pub use model::ModelCounts;
-pub(crate) use model::PointSelector;
+pub(crate) use export::{close_all_holes, export_options};
 pub(crate) use observed::{ObservationChange, ObservedPoint, PointKind};
 pub use segment_map::SegmentMap;
+pub use selection::ModelCounts;
+pub(crate) use selection::{PointSelector, SelectedPoints, center_of};
 pub(crate) use sources::carver_options;
 use surface::CarvedVertices;
 pub use surface::{MapSurface, SurfaceChange};
@@ -99,14 +100,26 @@ impl Map {
         self.leaves_carving
     }
 
-    /// Adds all views of a model, and carves nothing where that is [deferred](Self::defer_carving).
+    /// Adds points with views to a map [of points](Self::of_points).
     ///
     /// # Errors
-    /// As [`push`](Self::push).
-    pub(crate) fn enter_model(&mut self) -> Result<(), MapError> {
+    /// When the carver rejects a point.
+    pub(crate) fn add_points(&mut self, points: &[JoinedPoint]) -> Result<(), MapError> {
         match &mut self.contents {
-            Contents::Model(model) => model.enter_all(&mut self.carver),
+            Contents::Model(model) => model.add(&mut self.carver, points),
             _ => Err(MapError::WrongKeyframe),
+        }
+    }
+
+    /// Carves the points of a map [of points](Self::of_points) once and forgets their rays, to need less memory. With `is_closed` the surface
+    /// is watertight.
+    pub(crate) fn carve_last(&mut self, is_closed: bool) {
+        if is_closed {
+            self.options.surface.longest_edge_share = None;
+            self.options.surface.manifold = true;
+        }
+        if let Contents::Model(model) = &mut self.contents {
+            model.carve_last(&mut self.carver, is_closed);
         }
     }
 
@@ -325,8 +338,8 @@ impl Map {
         Some((model.model(), model.counts()))
     }
 
-    /// The model's points carved so far; `None` for other maps.
-    pub fn carved_points(&self) -> Option<impl Iterator<Item = &ModelPoint>> {
+    /// Positions and colours of the model's points carved so far, those of dense clouds joined; `None` for other maps.
+    pub fn carved_points(&self) -> Option<impl Iterator<Item = (Point3<f64>, Option<[u8; 3]>)>> {
         Some(self.contents.model()?.carved())
     }
 

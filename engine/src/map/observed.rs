@@ -8,7 +8,7 @@ use linecarve_lines::upper_median;
 use linecarve_sequence::{ModelObservation, ModelPoint, ModelView, SparseModel};
 use nalgebra::{Isometry3, Point3};
 
-use super::model::{ModelCounts, select_point, sigma_along_rays};
+use super::selection::{ModelCounts, select_point, sigma_along_rays};
 use super::update::MapUpdate;
 use crate::options::PointModelOptions;
 
@@ -228,12 +228,10 @@ impl ObservedMap {
         let mut views = Vec::new();
         let is_carved = match record.kind {
             PointKind::Single => select_point(
-                &self.model,
+                &self.model.views,
                 &record.point,
                 &self.options,
-                &mut views,
-                &mut Vec::new(),
-                &mut ModelCounts::default(),
+                (&mut views, &mut Vec::new(), &mut ModelCounts::default()),
             ),
             PointKind::OnLine => {
                 let observations = record.point.observations.iter();

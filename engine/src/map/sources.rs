@@ -6,6 +6,7 @@ use linecarve_carving::{Carver, CarverOptions, Hull};
 use linecarve_lines::camera::Camera;
 use linecarve_lines::depth::SensorNoise;
 use linecarve_sequence::{Sequence, SparseModel};
+use nalgebra::Point3;
 
 use super::contents::Contents;
 use super::lines::LineMap;
@@ -135,8 +136,7 @@ impl Map {
         options: &Options,
         model: impl Into<Arc<SparseModel>>,
     ) -> Result<Self, MapError> {
-        let factor = options.carving.cut.sigma_factor;
-        let model = ModelMap::new(model.into(), &options.point_model, factor)?;
+        let model = ModelMap::new(model.into(), options)?;
         let median_depth = model.median_depth();
         let mut options = options.clone();
         // Which triangles on the hull are surface, points and views say.
@@ -146,6 +146,22 @@ impl Map {
             Contents::Model(Box::new(model)),
             median_depth,
         ))
+    }
+
+    /// An empty map of points that are added with [`add_points`](Self::add_points) and carved once; `centers` are those of all views.
+    ///
+    /// # Errors
+    /// When the carver rejects a centre.
+    pub(crate) fn of_points(
+        options: &Options,
+        centers: Vec<Point3<f64>>,
+        median_depth: Option<f64>,
+    ) -> Result<Self, MapError> {
+        let mut carver = Carver::deferred(carver_options(options));
+        let model = ModelMap::of_views(&mut carver, centers)?;
+        let mut map = Self::new(options, Contents::Model(Box::new(model)), median_depth);
+        map.carver = carver;
+        Ok(map)
     }
 
     /// An empty map of points whose views and observations come with [`observe`](Self::observe). Without `median_depth` the length

@@ -1,4 +1,4 @@
-//! The plan of a dense cloud, in memory that does not grow with it.
+//! The plan of points with views.
 
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
@@ -6,70 +6,62 @@ use std::path::Path;
 
 use linecarve_carving::Hull;
 use linecarve_mesh::files::write_atomically;
-use linecarve_sequence::DenseCloud;
 use linecarve_tiles::{PlanOptions, Planner, SeenPoint, Work};
 use nalgebra::Point3;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use super::selection::Selection;
 use super::{Finish, POINTS_OF_TILE, ProjectError, Split};
-use crate::map::cloud::{CloudSurface, JoinedPoint, append_centers, append_record, join};
+use crate::map::cloud::{CloudSurface, JoinedPoint, append_centers, append_record};
 use crate::map::{carver_options, export_options};
-use crate::options::Options;
 
-/// Plans a cloud, whose points are [selected](Selection) and joined one part after the other.
-///
-/// # Errors
-/// When the files cannot be read, or the plan cannot be made.
-pub(super) fn plan(
-    cloud: &DenseCloud,
-    options: &Options,
-    split: Split,
-    folder: &Path,
-) -> Result<Work, ProjectError> {
-    let file_error = |fault| ProjectError::file(folder)(fault);
-    let Selection {
-        origin,
-        centers,
-        top,
-        depths,
-        spill,
-        ..
-    } = Selection::of(cloud, options, folder)?;
-    let coordinates: Vec<[f64; 3]> = centers.iter().map(|center| (*center).into()).collect();
-    let mut plan = PlanOptions::default();
-    plan.tiles = split.tiles.unwrap_or(1);
-    plan.halo = split.halo;
-    let mut planner = Planner::new(folder, &coordinates, plan)?;
-    let mut surface = SurfaceFile::new(folder).map_err(file_error)?;
-    let mut is_dense = false;
-    spill.visit(folder, |points| {
-        for point in join(points, top, &centers) {
-            planner.add(SeenPoint {
-                position: point.position.into(),
-                sigma: point.sigma,
-                rays: &point.rays,
-            })?;
-            is_dense |= point.is_dense;
-            surface.add(&point).map_err(file_error)?;
+impl Selection {
+    /// Plans the points, which go through memory one part after the other.
+    ///
+    /// # Errors
+    /// When a temporary file cannot be read, or the plan cannot be made.
+    pub(super) fn plan(mut self, split: Split, folder: &Path) -> Result<Work, ProjectError> {
+        let file_error = |fault| ProjectError::file(folder)(fault);
+        let coordinates = self.centers.iter().map(|center| (*center).into());
+        let coordinates: Vec<[f64; 3]> = coordinates.collect();
+        let mut plan = PlanOptions::default();
+        plan.tiles = split.tiles.unwrap_or(1);
+        plan.halo = split.halo;
+        let mut planner = Planner::new(folder, &coordinates, plan)?;
+        let mut surface = SurfaceFile::new(folder).map_err(file_error)?;
+        let mut is_dense = false;
+        self.visit(folder, |points| {
+            for point in points {
+                planner.add(SeenPoint {
+                    position: point.position.into(),
+                    sigma: point.sigma,
+                    rays: &point.rays,
+                })?;
+                is_dense |= point.is_dense;
+                surface.add(point).map_err(file_error)?;
+            }
+            Ok(())
+        })?;
+        if split.tiles.is_none() {
+            planner.set_tiles((planner.point_count() as usize).div_ceil(POINTS_OF_TILE));
         }
-        Ok::<(), ProjectError>(())
-    })?;
-    if split.tiles.is_none() {
-        planner.set_tiles((planner.point_count() as usize).div_ceil(POINTS_OF_TILE));
+        let export = export_options(&self.options, self.median_depth);
+        let finish = Finish::text(
+            self.origin.into(),
+            &self.options,
+            is_dense.then_some(export),
+        )?;
+        let mut carver = carver_options(&self.options);
+        if is_dense {
+            planner.keep_neighbors();
+            carver.hull = Hull::Keep;
+        }
+        let work = planner.finish(carver, export, finish)?;
+        if is_dense {
+            surface.keep(&self.centers, folder)?;
+        }
+        Ok(work)
     }
-    let export = export_options(options, depths.upper_median().map_err(file_error)?);
-    let finish = Finish::text(origin.into(), options, is_dense.then_some(export))?;
-    let mut carver = carver_options(options);
-    if is_dense {
-        planner.keep_neighbors();
-        carver.hull = Hull::Keep;
-    }
-    let work = planner.finish(carver, export, finish)?;
-    if is_dense {
-        surface.keep(&centers, folder)?;
-    }
-    Ok(work)
 }
 
 /// Name of the file with what the mesh of a dense cloud needs of its points, and at its end a digest of that.
@@ -112,19 +104,6 @@ impl SurfaceFile {
         };
         Ok(write_atomically(&folder.join(FILE), copy)?)
     }
-}
-
-/// Keeps what the mesh of a dense cloud needs of its points.
-///
-/// # Errors
-/// When the file cannot be written.
-pub(super) fn write_surface(surface: &CloudSurface, folder: &Path) -> Result<(), ProjectError> {
-    let bytes = surface.to_bytes();
-    write_atomically(&folder.join(FILE), |out| {
-        out.write_all(&bytes)?;
-        out.write_all(&xxh3_64(&bytes).to_le_bytes())
-    })?;
-    Ok(())
 }
 
 /// What was kept.

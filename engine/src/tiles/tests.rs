@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use linecarve_tiles::{PlanOptions, merged_mesh, run, run_item};
 
+use crate::front_end::Keyframe;
 use crate::map::Map;
 use crate::options::{LabelKind, Options};
 use crate::reconstruction::{Reconstruction, RunOptions};
@@ -88,7 +89,8 @@ fn splits_of_recorded_models_leave_the_mesh_of_one_process() {
         let model_points = recording.take_model().unwrap();
         let mut map = Map::of_model(&recording.options, model_points).unwrap();
         map.defer_carving();
-        map.enter_model().unwrap();
+        let views = 0..recording.keyframes.len();
+        map.push(&Keyframe::Views(views)).unwrap();
         assert_splits_agree(&map, model, &[count]);
     }
 }

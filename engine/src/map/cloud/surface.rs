@@ -172,29 +172,14 @@ impl CloudSurface {
         &self.views[start..end]
     }
 
-    /// As a file holds it: its points in the order in which they were added, then the views, as [`append_record`] and [`append_centers`]
-    /// write them.
-    pub(crate) fn to_bytes(&self) -> Vec<u8> {
-        let mut keys = vec![[0; 3]; self.points.len()];
-        for (key, index) in &self.index {
-            keys[*index as usize] = *key;
+    /// Triangles at all points may reach as far as they like.
+    pub(crate) fn support_all(&mut self) {
+        for point in &mut self.points {
+            point.reach = f64::INFINITY;
         }
-        let mut bytes = Vec::new();
-        for ((index, key), point) in (0..).zip(keys).zip(&self.points) {
-            let record = Record {
-                key,
-                bound: point.bound,
-                reach: point.reach,
-                color: point.color,
-                views: self.views_of(index).to_vec(),
-            };
-            record.put(&mut bytes);
-        }
-        append_centers(&self.centers, &mut bytes);
-        bytes
     }
 
-    /// What [`to_bytes`](Self::to_bytes) wrote; `None` where it is damaged.
+    /// What [`append_record`] and then [`append_centers`] wrote; `None` where it is damaged.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (bytes, count) = bytes.split_last_chunk::<8>()?;
         let length = usize::try_from(u64::from_le_bytes(*count))
@@ -246,18 +231,13 @@ impl CloudSurface {
         })
     }
 
-    /// The exported surface of a carver with the points of the cloud; with `is_closed` all triangles are exported.
-    pub(crate) fn mesh_of(
-        &self,
-        carver: &Carver,
-        export: &ExportOptions,
-        is_closed: bool,
-    ) -> TriangleMesh {
+    /// The exported surface of a carver with the points of the cloud.
+    pub(crate) fn mesh_of(&self, carver: &Carver, export: &ExportOptions) -> TriangleMesh {
         let position = |vertex: VertexId| carver.tetrahedra().position(vertex);
         let role = |triangle: &Triangle| {
             let longest = export.longest_edge;
             let is_short = longest.is_none_or(|longest| carver.has_edges_within(triangle, longest));
-            match is_closed || is_short && self.supports(triangle.map(position)) {
+            match is_short && self.supports(triangle.map(position)) {
                 true => TriangleRole::Exported,
                 false => TriangleRole::Counted,
             }

@@ -3,9 +3,10 @@ use nalgebra::{Isometry3, Translation3};
 use super::*;
 use crate::front_end::Keyframe;
 use crate::map::Map;
+use crate::map::selection::sigma_along_rays;
 use crate::options::Options;
 use linecarve_mesh::TriangleMesh;
-use linecarve_sequence::{ModelObservation, ModelView};
+use linecarve_sequence::{ModelObservation, ModelPoint, ModelView};
 
 /// A wall of points at z = 4 and a box of points before it, seen by a row of cameras at z = 0.
 fn wall() -> SparseModel {

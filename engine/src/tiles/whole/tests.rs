@@ -1,10 +1,12 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use linecarve_sequence::SparseModel;
 use linecarve_synth::{CityOptions, write_city};
+use nalgebra::{Point3, Vector3};
 
 use super::*;
-use crate::recording::SourceChoice;
+use crate::recording::{Recording, SourceChoice};
 use crate::{Reconstruction, RunOptions, run::CancelToken};
 
 fn city(points: usize, folder: &Path) -> Input {
@@ -26,6 +28,22 @@ fn mesh_of(input: &Input, is_closed: bool) -> PointMesh {
     mesh.unwrap().unwrap()
 }
 
+/// A model in memory with the options of its recording, in the frame of computation.
+fn model_of(input: &Input) -> (SparseModel, Options, Vector3<f64>) {
+    let mut recording = Recording::open(input, Options::default()).unwrap();
+    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
+    (model, recording.options, recording.origin)
+}
+
+fn mesh_of_model(
+    model: &SparseModel,
+    options: &Options,
+    origin: Vector3<f64>,
+) -> Result<PointMesh, ProjectError> {
+    let folder = tempfile::tempdir().unwrap();
+    Selection::of_model(model, options.clone(), origin)?.mesh(false, folder.path())
+}
+
 #[test]
 fn the_mesh_is_that_of_a_reconstruction() {
     let folder = tempfile::tempdir().unwrap();
@@ -43,10 +61,8 @@ fn the_mesh_is_that_of_a_reconstruction() {
     assert!(streamed.mesh.positions == expected.positions);
     assert!(streamed.mesh.triangles == expected.triangles);
     // A model that is read as a whole.
-    let mut recording = Recording::open(&input, Options::default()).unwrap();
-    let (origin, options) = (recording.origin, recording.options.clone());
-    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
-    let read = of_model(model, &options, origin, false).unwrap();
+    let (model, options, origin) = model_of(&input);
+    let read = mesh_of_model(&model, &options, origin).unwrap();
     assert!(read.mesh == streamed.mesh);
     assert_eq!(read.counts, streamed.counts);
 }
@@ -74,11 +90,7 @@ fn coordinates_in_single_precision_are_refused_where_they_are_rounded() {
     let folder = tempfile::tempdir().unwrap();
     let at = city(4000, folder.path());
     let bytes = std::fs::read(&at.path).unwrap();
-    let start = bytes
-        .windows(11)
-        .position(|it| it == b"end_header\n")
-        .unwrap()
-        + 11;
+    let start = split_cloud(&bytes).0.len();
     let offset = [500_000.0_f32, 5_400_000.0, 0.0];
     let mut moved = bytes.clone();
     for row in moved[start..].chunks_exact_mut(27) {
@@ -120,17 +132,77 @@ fn shifted(line: &str, offset: [f32; 3]) -> String {
     )
 }
 
+/// The header of a cloud with its last line, and the rows after it.
+fn split_cloud(bytes: &[u8]) -> (String, &[u8]) {
+    let end = b"end_header\n";
+    let start = bytes.windows(end.len()).position(|it| it == end).unwrap() + end.len();
+    let header = String::from_utf8(bytes[..start].to_vec()).unwrap();
+    (header, &bytes[start..])
+}
+
+#[test]
+fn numbers_in_other_forms_give_the_same_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = city(3000, folder.path());
+    let expected = mesh_of(&at, false).mesh;
+    assert!(expected.triangles.len() > 1000);
+    let bytes = std::fs::read(&at.path).unwrap();
+    let (header, rows) = split_cloud(&bytes);
+    let big_header = header.replace("little_endian", "big_endian");
+    let double_header = header.replace("float", "double");
+    let (mut big, mut double) = (big_header.into_bytes(), double_header.into_bytes());
+    for row in rows.chunks_exact(27) {
+        let (floats, colors) = row.split_at(24);
+        for float in floats.chunks_exact(4) {
+            let number = f32::from_le_bytes(float.try_into().unwrap());
+            big.extend(number.to_be_bytes());
+            double.extend(f64::from(number).to_le_bytes());
+        }
+        big.extend(colors);
+        double.extend(colors);
+    }
+    for (bytes, is_streamed) in [(big, false), (double, true)] {
+        std::fs::write(&at.path, bytes).unwrap();
+        assert_eq!(at.dense_cloud().unwrap().is_some(), is_streamed);
+        assert!(mesh_of(&at, false).mesh == expected);
+    }
+}
+
+#[test]
+fn views_that_do_not_fit_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = city(3000, folder.path());
+    let path = at.path.with_file_name("fused.ply.vis");
+    let bytes = std::fs::read(&path).unwrap();
+    let mut another_count = bytes.clone();
+    another_count[0] ^= 1;
+    let mut unknown_image = bytes.clone();
+    unknown_image[12..16].copy_from_slice(&u32::MAX.to_le_bytes());
+    let cut_off = bytes[..bytes.len() - 2].to_vec();
+    for (bytes, remedy) in [
+        (another_count, "fuse both again"),
+        (unknown_image, "give the model that was fused"),
+        (cut_off, "copy it again"),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        let refused = mesh_points(&at, Options::default(), false, folder.path());
+        let text = refused.unwrap_err().to_string();
+        assert!(
+            text.contains("fused.ply") && text.contains(remedy),
+            "{text}"
+        );
+    }
+}
+
 /// Observations that cannot be used leave the others alone.
 #[test]
 fn hostile_clouds_end() {
     let folder = tempfile::tempdir().unwrap();
     let at = city(3000, folder.path());
     let whole = mesh_of(&at, false);
-    let mut recording = Recording::open(&at, Options::default()).unwrap();
-    let options = recording.options.clone();
-    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
+    let (model, options, _) = model_of(&at);
     let mesh = |model: SparseModel| {
-        let made = of_model(model, &options, Vector3::zeros(), false).unwrap();
+        let made = mesh_of_model(&model, &options, Vector3::zeros()).unwrap();
         (made.mesh.triangles.len(), made)
     };
     let center = |model: &SparseModel, view: usize| {
@@ -166,7 +238,7 @@ fn hostile_clouds_end() {
     // A view that there is not.
     let mut unknown = model;
     unknown.points[5].observations[0].view = 1 << 20;
-    let refused = of_model(unknown, &options, Vector3::zeros(), false).unwrap_err();
+    let refused = mesh_of_model(&unknown, &options, Vector3::zeros()).unwrap_err();
     assert!(refused.to_string().contains("point 5"), "{refused}");
 }
 
@@ -175,12 +247,10 @@ fn hostile_clouds_end() {
 fn points_at_one_position_cost_one_point() {
     let folder = tempfile::tempdir().unwrap();
     let at = city(2000, folder.path());
-    let mut recording = Recording::open(&at, Options::default()).unwrap();
-    let options = recording.options.clone();
-    let model = std::sync::Arc::unwrap_or_clone(recording.take_model().unwrap());
+    let (model, options, _) = model_of(&at);
     let mut many = model.clone();
     many.points = (0..100).flat_map(|_| model.points.clone()).collect();
-    let made = of_model(many, &options, Vector3::zeros(), false).unwrap();
+    let made = mesh_of_model(&many, &options, Vector3::zeros()).unwrap();
     assert!(made.carved >= made.mesh.positions.len() / 2);
     assert!(!made.mesh.triangles.is_empty());
 }
