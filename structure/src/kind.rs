@@ -28,28 +28,31 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// The name in files, the colour of planes where the mesh has none (sRGB), and the colour of layers (AutoCAD colour index).
+    fn look(self) -> (&'static str, [u8; 3], u8) {
+        match self {
+            Self::Floor => ("floor", [176, 144, 108], 32),
+            Self::Ceiling => ("ceiling", [236, 234, 228], 254),
+            Self::Wall => ("wall", [206, 200, 184], 9),
+            Self::Upright => ("upright", [128, 160, 190], 151),
+            Self::Level => ("level", [150, 180, 140], 83),
+            Self::Other => ("other", [190, 150, 170], 221),
+        }
+    }
+
     /// The name in files.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Floor => "floor",
-            Self::Ceiling => "ceiling",
-            Self::Wall => "wall",
-            Self::Upright => "upright",
-            Self::Level => "level",
-            Self::Other => "other",
-        }
+        self.look().0
     }
 
     /// The colour of its planes where the mesh has none: sRGB.
     pub fn color(self) -> [u8; 3] {
-        match self {
-            Self::Floor => [176, 144, 108],
-            Self::Ceiling => [236, 234, 228],
-            Self::Wall => [206, 200, 184],
-            Self::Upright => [128, 160, 190],
-            Self::Level => [150, 180, 140],
-            Self::Other => [190, 150, 170],
-        }
+        self.look().1
+    }
+
+    /// The colour of its layers: a number of the AutoCAD colour index.
+    pub(crate) fn autocad_color(self) -> u8 {
+        self.look().2
     }
 }
 

@@ -25,6 +25,6 @@ pub use measures::{Angle, Distance};
 pub use plan::{Opening, Piece, Plan};
 pub use structure::{Polygon, Structure, StructureOptions, StructurePlane};
 pub use write::{
-    PlaneSummary, StructureSummary, write_dxf, write_ifc, write_json, write_structure_glb,
-    write_structure_obj, write_svg, write_usda,
+    StructureSummary, write_dxf, write_ifc, write_json, write_structure_glb, write_structure_obj,
+    write_svg, write_usda,
 };
