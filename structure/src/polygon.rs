@@ -94,8 +94,6 @@ pub(crate) fn fill(
         }
     }
     let rings: Vec<Vec<u32>> = kept.into_iter().map(|it| it.1.clone()).collect();
-    let all: Vec<[u32; 2]> = rings.iter().flat_map(|it| sides(it)).collect();
-    faults.extend(crossing_sides(&all, flat));
     faults.extend(crossing_at_vertices(&rings, flat));
     let triangles = triangulate(&rings, faults, flat).map_err(unique)?;
     Ok(Filled { rings, triangles })
@@ -104,62 +102,6 @@ pub(crate) fn fill(
 /// Twice the area that a ring encloses.
 fn area(ring: &[u32], flat: impl Fn(&u32) -> [f64; 2]) -> f64 {
     doubled_area(&ring.iter().map(flat).collect::<Vec<_>>())
-}
-
-/// The vertices of sides that cross, touch or repeat each other, ascending.
-fn crossing_sides(sides: &[[u32; 2]], flat: impl Fn(&u32) -> [f64; 2]) -> Vec<u32> {
-    let ends: Vec<[[f64; 2]; 2]> = sides
-        .iter()
-        .map(|it| [flat(&it[0]), flat(&it[1])])
-        .collect();
-    let mut order: Vec<usize> = (0..sides.len()).collect();
-    let low = |it: &usize| ends[*it][0][0].min(ends[*it][1][0]);
-    let high = |it: &usize| ends[*it][0][0].max(ends[*it][1][0]);
-    order.sort_by(|a, b| low(a).total_cmp(&low(b)).then(a.cmp(b)));
-    let mut found = Vec::new();
-    for (rank, one) in order.iter().enumerate() {
-        let beside = order[rank + 1..].iter();
-        for other in beside.take_while(|it| low(it) <= high(one)) {
-            if meets(&sides[*one], &sides[*other], &ends[*one], &ends[*other]) {
-                found.extend(sides[*one].iter().chain(&sides[*other]));
-            }
-        }
-    }
-    found.sort_unstable();
-    found.dedup();
-    found
-}
-
-/// Whether two sides have a point in common other than a vertex of both.
-fn meets(one: &[u32; 2], other: &[u32; 2], a: &[[f64; 2]; 2], b: &[[f64; 2]; 2]) -> bool {
-    let overlaps = |axis: usize| {
-        let range =
-            |it: &[[f64; 2]; 2]| (it[0][axis].min(it[1][axis]), it[0][axis].max(it[1][axis]));
-        let (one, other) = (range(a), range(b));
-        one.0 <= other.1 && other.0 <= one.1
-    };
-    if !(overlaps(0) && overlaps(1)) {
-        return false;
-    }
-    let turn = |p: &[f64; 2], q: &[f64; 2], r: &[f64; 2]| {
-        let value = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
-        value.partial_cmp(&0.0).map_or(0, |it| it as i32)
-    };
-    let shared = one.iter().filter(|it| other.contains(it)).count();
-    if shared == 2 {
-        return true;
-    }
-    if shared == 1 {
-        // Both leave the common vertex in one direction, or one is a point.
-        let common = one.iter().position(|it| other.contains(it)).unwrap_or(0);
-        let at = other.iter().position(|it| *it == one[common]).unwrap_or(0);
-        let (from, p, q) = (a[common], a[1 - common], b[1 - at]);
-        let along = (p[0] - from[0]) * (q[0] - from[0]) + (p[1] - from[1]) * (q[1] - from[1]);
-        return turn(&from, &p, &q) == 0 && along >= 0.0;
-    }
-    let [c, d] = [turn(&a[0], &a[1], &b[0]), turn(&a[0], &a[1], &b[1])];
-    let [e, f] = [turn(&b[0], &b[1], &a[0]), turn(&b[0], &b[1], &a[1])];
-    c * d <= 0 && e * f <= 0
 }
 
 /// The vertices where rings cross themselves or each other in a common vertex, with the vertices beside them.
