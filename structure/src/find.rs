@@ -7,9 +7,9 @@ use crate::border::{chains, place};
 use crate::directions::{Directions, align, directions};
 use crate::estimate::{Measured, measure};
 use crate::grow::{Region, grow, mean_normal, noise};
-use crate::kind::{Kind, kinds};
+use crate::kind::{Kind, kinds, size};
 use crate::label::{Labels, REST, Tolerances};
-use crate::measures::{angles, distances};
+use crate::measures::{angles, distances, edges};
 use crate::merge::merge;
 use crate::plane::Plane;
 use crate::polygon::{Filled, fill, rings};
@@ -228,6 +228,7 @@ impl<'a> Finder<'a> {
             polygons,
             rest,
             distances: Vec::new(),
+            edges: Vec::new(),
             angles: Vec::new(),
             main_directions: self.directions.map(|it| it.axes),
             up: self
@@ -245,10 +246,12 @@ impl<'a> Finder<'a> {
         }
         for (number, kind) in kinds(&found).into_iter().enumerate() {
             found.planes[number].kind = kind;
+            found.planes[number].size = size(&found, number as u32);
             found.planes[number].name = format!("plane_{number:03}_{}", kind.name());
         }
         let measured: Vec<Measured> = order.iter().map(|it| self.measured[*it as usize]).collect();
         found.distances = distances(&found, &measured, self.directions.as_ref());
+        found.edges = edges(&found);
         found.angles = angles(&found, &measured);
         found
     }
@@ -264,6 +267,7 @@ impl<'a> Finder<'a> {
             offset: plane.offset,
             center: plane.center,
             area: 0.0,
+            size: [0.0; 2],
             rms: measured.rms,
             sigma: measured.sigma(),
             is_aligned: self.is_aligned[number],

@@ -1,5 +1,6 @@
 //! What planes seem to be: floor, ceiling, walls.
 
+use nalgebra::Vector3;
 use serde::Serialize;
 
 use crate::structure::Structure;
@@ -69,6 +70,29 @@ pub(crate) fn heights(structure: &Structure) -> Vec<[f64; 2]> {
         }
     }
     ranges
+}
+
+/// Width of a plane along a level direction, and its height across that.
+pub(crate) fn size(structure: &Structure, plane: u32) -> [f64; 2] {
+    let upright = structure.upright_from_original();
+    let normal = upright * structure.planes[plane as usize].normal;
+    let level = Vector3::z().cross(&normal);
+    let along = if level.norm() > SLANT {
+        level.normalize()
+    } else {
+        Vector3::x()
+    };
+    let own = structure.polygons.iter().filter(|it| it.plane == plane);
+    let own: Vec<u32> = own.flat_map(|it| it.rings.concat()).collect();
+    [along, normal.cross(&along)].map(|axis| {
+        let heights = own
+            .iter()
+            .map(|it| axis.dot(&(upright * structure.positions[*it as usize]).coords));
+        let ends = heights
+            .map(|it| [it, it])
+            .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        ends.map_or(0.0, |[low, high]| high - low)
+    })
 }
 
 /// The kind of each plane, from its normal, its area and its height.

@@ -26,7 +26,7 @@ pub struct Piece {
 pub struct Opening {
     /// Number of the wall's plane.
     pub plane: u32,
-    /// Length of the gap at the height of the section.
+    /// Clear width at the height of the section: between frames or jambs where these were seen, else of the gap in the wall.
     pub width: f64,
     /// From where to where, in the upright frame.
     pub ends: [Point2<f64>; 2],
@@ -135,11 +135,28 @@ impl Plan {
                 let behind = scene.cast(&at, &-plane.normal, far).is_some();
                 behind && scene.cast(&at, &plane.normal, 0.5 * width).is_none()
             };
-            if [0.25, 0.5, 0.75].iter().filter(|it| is_open(it)).count() >= 2 {
+            if [0.25, 0.5, 0.75].iter().filter(|it| is_open(it)).count() < 2 {
+                continue;
+            }
+            // Frames and jambs stand in the gap: its clear width is what rays along the wall find, before, in and behind its plane.
+            let middle = nalgebra::center(&ends[0], &ends[1]);
+            let clear = [-1.0, 1.0].map(|sign| {
+                let along = sign * (ends[1] - ends[0]) / width;
+                let hit = |side: f64| {
+                    let at = upright.inverse() * Point3::new(middle.x, middle.y, self.height);
+                    let at = at + side * structure.tolerance * plane.normal;
+                    let along = upright.inverse() * Vector3::new(along.x, along.y, 0.0);
+                    scene.cast(&at, &along, 0.5 * width).map(|it| it.distance)
+                };
+                let hits = [-1.0, 0.0, 1.0].into_iter().filter_map(hit);
+                middle + hits.fold(0.5 * width, f64::min) * along
+            });
+            let width = (clear[1] - clear[0]).norm();
+            if width >= least {
                 found.push(Opening {
                     plane: pair[0].plane,
                     width,
-                    ends,
+                    ends: clear,
                 });
             }
         }

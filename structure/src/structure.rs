@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
 use crate::kind::Kind;
-use crate::measures::{Angle, Distance};
+use crate::measures::{Angle, Distance, Edge};
 
 /// How a structure is found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,6 +44,8 @@ pub struct StructurePlane {
     pub center: Point3<f64>,
     /// Area of its polygons.
     pub area: f64,
+    /// Its extent: width along a level direction, and height across it.
+    pub size: [f64; 2],
     /// Root mean square distance of the vertices of the mesh to it.
     pub rms: f64,
     /// Standard deviation of its offset at the centre.
@@ -96,6 +98,8 @@ pub struct Structure {
     pub rest: Vec<[u32; 3]>,
     /// Distances between parallel planes.
     pub distances: Vec<Distance>,
+    /// Where planes meet.
+    pub edges: Vec<Edge>,
     /// Angles between other planes.
     pub angles: Vec<Angle>,
     /// Three main directions at right angles, the third one up, when planes have them.

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::plan::{Opening, Plan};
 use crate::structure::{Structure, StructurePlane};
-use crate::{Angle, Distance};
+use crate::{Angle, Distance, Edge};
 
 /// The planes of a structure and what was measured between them, in the frame of the mesh unless said otherwise.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -43,6 +43,8 @@ pub struct StructureSummary {
     pub planes: Vec<StructurePlane>,
     /// Distances between parallel planes.
     pub distances: Vec<Distance>,
+    /// Where planes meet.
+    pub edges: Vec<Edge>,
     /// Angles between planes.
     pub angles: Vec<Angle>,
     /// Height of the plan's section in the upright frame.
@@ -75,6 +77,7 @@ impl StructureSummary {
             }),
             planes: structure.planes.clone(),
             distances: structure.distances.clone(),
+            edges: structure.edges.clone(),
             angles: structure.angles.clone(),
             section_height: plan.map(|it| it.height),
             openings: plan.map_or_else(Vec::new, |it| it.openings.clone()),

@@ -1,9 +1,7 @@
 //! The floor plan as SVG, to scale.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
-use linecarve_mesh::files::{WriteError, write_atomically};
 use nalgebra::{Point2, Vector2};
 
 use crate::plan::Plan;
@@ -20,23 +18,15 @@ const STEP_MM: f64 = 8.0;
 /// Distances drawn in one direction at most.
 const MOST: usize = 4;
 
-/// Writes a plan: walls, what else is cut, openings with their widths, and distances between walls with standard deviations. One unit of
-/// the mesh is taken as a metre. Of a structure without a plan the file says so.
-///
-/// # Errors
-/// When the file cannot be written.
-pub fn write_svg(
-    path: &Path,
-    structure: &Structure,
-    plan: Option<&Plan>,
-) -> Result<(), WriteError> {
-    let text = match plan {
+/// A plan: walls, what else is cut, openings with their widths, and distances between walls with standard deviations. One unit of
+/// the mesh is taken as a metre. Of a structure without a plan the drawing says so.
+pub fn svg(structure: &Structure, plan: Option<&Plan>) -> String {
+    match plan {
         Some(plan) => Drawing::new(plan).draw(structure, plan),
         None => "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"80mm\" height=\"10mm\">\
                  <text x=\"5\" y=\"20\">no walls</text></svg>\n"
             .to_owned(),
-    };
-    write_atomically(path, |out| out.write_all(text.as_bytes()))
+    }
 }
 
 struct Drawing {
@@ -131,7 +121,7 @@ impl Drawing {
             let normal = upright * structure.planes[distance.planes[0] as usize].normal;
             let axis = (0..2).find(|it| normal[*it].abs() > 0.98);
             if let Some(axis) = axis.filter(|it| self.counts[*it] < MOST) {
-                let label = format!("{:.3} ± {}", distance.value, significant(distance.sigma));
+                let label = format!("{:.3} ± {}", distance.value, deviation_text(distance.sigma));
                 self.dimension(axis, [one, other], &label);
             }
         }
@@ -229,8 +219,8 @@ fn readable(degrees: f64) -> f64 {
     }
 }
 
-/// Two significant digits, as far as they are behind the point; no more than six.
-fn significant(value: f64) -> String {
+/// A standard deviation as text: two significant digits, as far as they are behind the point; no more than six.
+pub fn deviation_text(value: f64) -> String {
     let digits = (1.0 - value.max(1e-6).log10().floor()).clamp(1.0, 6.0) as usize;
     format!("{value:.digits$}")
 }
