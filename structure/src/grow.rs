@@ -16,7 +16,7 @@ use crate::plane::{Moments, Plane};
 use crate::surface::Surface;
 
 /// Triangles of a patch for the measurement of noise.
-const PATCH: usize = 48;
+const PATCH: usize = 200;
 /// Patches for it, at most.
 const PATCHES: usize = 1000;
 /// Triangles that a region has at least.
