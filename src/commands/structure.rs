@@ -89,7 +89,7 @@ fn of_file(file: &Path, args: &StructureArgs) -> anyhow::Result<Option<Structure
         carved: None,
         options: options(args, up),
     };
-    write_structure(&input, &mut output).map(Some)
+    write_structure(&input, &mut output).map(|it| Some(it.0))
 }
 
 fn of_sequence(
@@ -130,7 +130,7 @@ fn of_sequence(
         carved: Some((run.map().carver(), recording.origin)),
         options: options(args, frame.up()),
     };
-    let summary = write_structure(&input, &mut output).context("--out")?;
+    let (summary, _) = write_structure(&input, &mut output).context("--out")?;
     Ok(Some(summary))
 }
 

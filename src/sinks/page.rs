@@ -216,6 +216,7 @@ pub(crate) fn page_of(run: &PageRun<'_>, command: &str, mesh: &TriangleMesh) -> 
         surfaces: Vec::new(),
         error_scale: None,
         tables: Vec::new(),
+        structure: None,
         count_plots: Vec::new(),
         facts,
         warnings: Vec::new(),

@@ -15,10 +15,11 @@ use super::page::PageRecorder;
 use super::picture::{crosses, draw_picture};
 use super::report::RunLog;
 use super::simplified::{line_ends, simplified};
-use super::structure::{StructureInput, write_structure};
+use super::structure::{StructureInput, page_structure, write_structure};
 use super::surface_files::SurfaceFiles;
 use super::surface_page::write_surface_page;
 use crate::progress::Verbosity;
+use crate::report::page::PageStructure;
 use linecarve_engine::run::milliseconds;
 use linecarve_engine::texture::texture;
 use linecarve_engine::{Reconstruction, camera_warning};
@@ -95,9 +96,13 @@ pub(crate) fn write_results(
         Some(format) => encoded_texture(run, &mesh, format, log)?,
         None => None,
     };
+    let structure = match settings.structure {
+        true => Some(planes(run, &mesh, clusters, output)?),
+        false => None,
+    };
     if let Some(page) = page {
         let path = output.file("report.html")?;
-        write_surface_page(&path, run, page, &mesh, texture.as_ref(), log)?;
+        write_surface_page(&path, run, page, &mesh, texture.as_ref(), structure, log)?;
     }
     let cloud = cloud(run);
     if settings.picture {
@@ -138,27 +143,36 @@ pub(crate) fn write_results(
     surface.translate(origin);
     let frame = recording.gltf_frame();
     surface.write(output, "", settings.formats, &frame)?;
-    if settings.structure {
-        let lines = surface.lines.as_ref().map(|(_, clusters)| clusters);
-        let segments = lines.map_or_else(Vec::new, |it| line_ends(&it.points, &it.lines));
-        let input = StructureInput {
-            mesh: &surface.mesh,
-            segments: &segments,
-            frame,
-            carved: Some((map.carver(), *origin)),
-            options: {
-                let mut options = StructureOptions::default();
-                options.up = frame.up();
-                options
-            },
-        };
-        write_structure(&input, output)?;
-    }
     if surface.lines.is_some() && settings.formats.contains(&Format::Glb) {
         let parts = surface.parts();
         write_glb(&output.file("scene.glb")?, &parts, frame)?;
     }
     Ok(surface.mesh)
+}
+
+/// Writes the planes of the mesh; returns them for the page.
+fn planes(
+    run: &Reconstruction,
+    mesh: &TriangleMesh,
+    clusters: &LineSet,
+    output: &mut OutputFolder,
+) -> anyhow::Result<PageStructure> {
+    let origin = run.recording().origin;
+    let (mut mesh, mut clusters) = (mesh.clone(), clusters.clone());
+    mesh.translate(&origin);
+    clusters.translate(&origin);
+    let frame = run.recording().gltf_frame();
+    let mut options = StructureOptions::default();
+    options.up = frame.up();
+    let input = StructureInput {
+        mesh: &mesh,
+        segments: &line_ends(&clusters.points, &clusters.lines),
+        frame,
+        carved: Some((run.map().carver(), origin)),
+        options,
+    };
+    let (summary, plan) = write_structure(&input, output)?;
+    Ok(page_structure(&summary, plan))
 }
 
 /// The texture of the mesh, noted in the report; `None` with a warning when there is none.

@@ -8,7 +8,7 @@ use linecarve_mesh::texture::EncodedTexture;
 use super::page::{PageRecorder, grouped, growth_plots, page_of, page_surface};
 use super::page_run::PageRun;
 use super::report::RunLog;
-use crate::report::page::{PageTable, PageTexture, write_page};
+use crate::report::page::{PageStructure, PageTable, PageTexture, write_page};
 use linecarve_engine::Reconstruction;
 
 /// Writes the page with the surface over keyframes; `mesh` is the final one, in the frame of computation.
@@ -18,6 +18,7 @@ pub(crate) fn write_surface_page(
     mut recorder: PageRecorder,
     mesh: &TriangleMesh,
     texture: Option<&EncodedTexture>,
+    structure: Option<PageStructure>,
     log: &mut RunLog,
 ) -> anyhow::Result<()> {
     let map = run.map();
@@ -32,6 +33,7 @@ pub(crate) fn write_surface_page(
     let reports = log.keyframes().to_vec();
     let mut page = page_of(run, command, mesh);
     page.images = recorder.images(run)?;
+    page.structure = structure;
     page.warnings = log.warnings().to_vec();
     page.count_plots = growth_plots(run.numbers, &[("surface", &reports)]);
     let mut surface = page_surface(id, name, recorder, run.numbers, &reports);

@@ -3,9 +3,9 @@
 use linecarve_mesh::for_each_edge;
 use nalgebra::Point3;
 
-use crate::label::{Labels, REST, Tolerances, planes_at};
+use crate::label::{Labels, REST};
 use crate::plane::{Plane, meet};
-use crate::surface::Surface;
+use crate::surface::{Surface, unique};
 
 /// Planes that turn by less do not determine where they meet: radians.
 pub(crate) const LEAST_TURN: f64 = 10.0 * std::f64::consts::PI / 180.0;
@@ -98,21 +98,19 @@ pub(crate) fn chains(surface: &Surface, component: &[u32]) -> Vec<Chain> {
 
 /// Where the vertices of planes come to lie: on all planes around them. Where that is too far away, triangles of the plane with the smallest
 /// area lose it, until every vertex has a position.
-pub(crate) fn place(
-    surface: &Surface,
-    planes: &[Plane],
-    areas: &[f64],
-    labels: &mut Labels,
-    tolerances: &Tolerances,
-) -> Vec<Point3<f64>> {
+pub(crate) fn place(labels: &mut Labels<'_>) -> Vec<Point3<f64>> {
+    let (surface, areas) = (labels.surface, labels.areas());
     let mut positions = surface.positions.clone();
     let mut open: Vec<u32> = (0..positions.len() as u32).collect();
     while !open.is_empty() {
         let mut released: Vec<u32> = Vec::new();
         for &vertex in &open {
             let start = surface.positions[vertex as usize];
-            let around = planes_at(surface, labels, vertex);
-            let own: Vec<&Plane> = around.iter().map(|it| &planes[*it as usize]).collect();
+            let around = labels.planes_at(vertex);
+            let own: Vec<&Plane> = around
+                .iter()
+                .map(|it| &labels.planes[*it as usize])
+                .collect();
             let target = match own.as_slice() {
                 [] => start,
                 [plane] => plane.project(&start),
@@ -123,28 +121,27 @@ pub(crate) fn place(
                 .map(|it| it.distance(&target).abs())
                 .fold(0.0, f64::max);
             // A vertex of the mesh stands for the surface around it, up to its neighbours.
-            let is_far = (target - start).norm() > 2.0 * tolerances.corner();
-            if own.len() > 1 && (off > 1e-3 * tolerances.sigma || is_far) {
-                let least = around.iter().copied().min_by(|a, b| {
-                    areas[*a as usize]
-                        .total_cmp(&areas[*b as usize])
-                        .then(b.cmp(a))
-                });
+            let is_far = (target - start).norm() > 2.0 * labels.tolerances.corner();
+            if own.len() > 1 && (off > 1e-3 * labels.tolerances.sigma || is_far) {
+                let area = |it: &u32| areas[*it as usize];
+                let least = around
+                    .iter()
+                    .rev()
+                    .min_by(|a, b| area(a).total_cmp(&area(b)));
                 let at = surface.triangles_at(vertex).iter();
-                released.extend(at.filter(|it| Some(labels[**it as usize]) == least));
+                released.extend(at.filter(|it| Some(&labels.of[**it as usize]) == least));
             } else {
                 positions[vertex as usize] = target;
             }
         }
-        released.sort_unstable();
-        released.dedup();
-        released.iter().for_each(|it| labels[*it as usize] = REST);
-        open = released
+        released
             .iter()
-            .flat_map(|it| surface.triangles[*it as usize])
-            .collect();
-        open.sort_unstable();
-        open.dedup();
+            .for_each(|it| labels.of[*it as usize] = REST);
+        open = unique(
+            released
+                .iter()
+                .flat_map(|it| surface.triangles[*it as usize]),
+        );
     }
     positions
 }

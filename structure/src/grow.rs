@@ -16,7 +16,7 @@ use crate::plane::{Moments, Plane};
 use crate::surface::Surface;
 
 /// Triangles of a patch for the measurement of noise.
-const PATCH: usize = 48;
+const PATCH: usize = 200;
 /// Patches for it, at most.
 const PATCHES: usize = 1000;
 /// Triangles that a region has at least.
@@ -55,13 +55,8 @@ fn patch(surface: &Surface, seed: u32, count: usize, is_free: impl Fn(u32) -> bo
 
 /// Sums over the corners of triangles, each weighted by the inverse of how many of them it has: every vertex counts about once.
 pub(crate) fn moments_of(surface: &Surface, triangles: &[u32]) -> Moments {
-    let mut vertices: Vec<u32> = (triangles.iter())
-        .flat_map(|it| surface.triangles[*it as usize])
-        .collect();
-    vertices.sort_unstable();
-    vertices.dedup();
     let mut moments = Moments::new();
-    for vertex in vertices {
+    for vertex in surface.vertices_of(triangles) {
         moments.add(&surface.positions[vertex as usize], 1.0);
     }
     moments
@@ -130,11 +125,7 @@ fn turning(surface: &Surface) -> Vec<f64> {
 pub(crate) fn grow(surface: &Surface, sigma: f64) -> Vec<Region> {
     let turning = turning(surface);
     let mut seeds: Vec<u32> = (0..surface.triangles.len() as u32).collect();
-    seeds.sort_by(|a, b| {
-        turning[*a as usize]
-            .total_cmp(&turning[*b as usize])
-            .then(a.cmp(b))
-    });
+    seeds.sort_by(|a, b| turning[*a as usize].total_cmp(&turning[*b as usize]));
     let mut growth = Growth {
         surface,
         reach: REACH * sigma,

@@ -1,5 +1,6 @@
 //! What planes seem to be: floor, ceiling, walls.
 
+use nalgebra::Vector3;
 use serde::Serialize;
 
 use crate::structure::Structure;
@@ -28,28 +29,31 @@ pub enum Kind {
 }
 
 impl Kind {
+    /// The name in files, the colour of planes where the mesh has none (sRGB), and the colour of layers (AutoCAD colour index).
+    fn look(self) -> (&'static str, [u8; 3], u8) {
+        match self {
+            Self::Floor => ("floor", [176, 144, 108], 32),
+            Self::Ceiling => ("ceiling", [236, 234, 228], 254),
+            Self::Wall => ("wall", [206, 200, 184], 9),
+            Self::Upright => ("upright", [128, 160, 190], 151),
+            Self::Level => ("level", [150, 180, 140], 83),
+            Self::Other => ("other", [190, 150, 170], 221),
+        }
+    }
+
     /// The name in files.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Floor => "floor",
-            Self::Ceiling => "ceiling",
-            Self::Wall => "wall",
-            Self::Upright => "upright",
-            Self::Level => "level",
-            Self::Other => "other",
-        }
+        self.look().0
     }
 
     /// The colour of its planes where the mesh has none: sRGB.
     pub fn color(self) -> [u8; 3] {
-        match self {
-            Self::Floor => [176, 144, 108],
-            Self::Ceiling => [236, 234, 228],
-            Self::Wall => [206, 200, 184],
-            Self::Upright => [128, 160, 190],
-            Self::Level => [150, 180, 140],
-            Self::Other => [190, 150, 170],
-        }
+        self.look().1
+    }
+
+    /// The colour of its layers: a number of the AutoCAD colour index.
+    pub(crate) fn autocad_color(self) -> u8 {
+        self.look().2
     }
 }
 
@@ -66,6 +70,29 @@ pub(crate) fn heights(structure: &Structure) -> Vec<[f64; 2]> {
         }
     }
     ranges
+}
+
+/// Width of a plane along a level direction, and its height across that.
+pub(crate) fn size(structure: &Structure, plane: u32) -> [f64; 2] {
+    let upright = structure.upright_from_original();
+    let normal = upright * structure.planes[plane as usize].normal;
+    let level = Vector3::z().cross(&normal);
+    let along = if level.norm() > SLANT {
+        level.normalize()
+    } else {
+        Vector3::x()
+    };
+    let own = structure.polygons.iter().filter(|it| it.plane == plane);
+    let own: Vec<u32> = own.flat_map(|it| it.rings.concat()).collect();
+    [along, normal.cross(&along)].map(|axis| {
+        let heights = own
+            .iter()
+            .map(|it| axis.dot(&(upright * structure.positions[*it as usize]).coords));
+        let ends = heights
+            .map(|it| [it, it])
+            .reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        ends.map_or(0.0, |[low, high]| high - low)
+    })
 }
 
 /// The kind of each plane, from its normal, its area and its height.

@@ -21,10 +21,10 @@ mod write;
 
 pub use find::structure;
 pub use kind::Kind;
-pub use measures::{Angle, Distance};
+pub use measures::{Angle, Distance, Edge};
 pub use plan::{Opening, Piece, Plan};
 pub use structure::{Polygon, Structure, StructureOptions, StructurePlane};
 pub use write::{
-    PlaneSummary, StructureSummary, write_dxf, write_ifc, write_json, write_structure_glb,
-    write_structure_obj, write_svg, write_usda,
+    StructureSummary, deviation_text, svg, write_dxf, write_ifc, write_json, write_structure_glb,
+    write_structure_obj, write_usda,
 };

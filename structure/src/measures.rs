@@ -1,11 +1,14 @@
 //! Distances and angles between planes, with standard deviations.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
 use crate::directions::Directions;
 use crate::estimate::Measured;
 use crate::structure::Structure;
+use crate::surface::unique;
 
 /// Planes with at least this share of the area of all are measured against each other.
 const SHARE: f64 = 0.01;
@@ -34,6 +37,36 @@ pub struct Angle {
     pub degrees: f64,
     /// Its standard deviation: degrees.
     pub sigma: f64,
+}
+
+/// Where polygons of two planes meet.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Edge {
+    /// Numbers of the planes.
+    pub planes: [u32; 2],
+    /// Length of their common sides.
+    pub length: f64,
+}
+
+/// Where planes meet, by planes.
+pub(crate) fn edges(structure: &Structure) -> Vec<Edge> {
+    let mut uses: Vec<([u32; 2], u32)> = Vec::new();
+    for polygon in &structure.polygons {
+        uses.extend(
+            polygon
+                .sides()
+                .map(|[a, b]| ([a.min(b), a.max(b)], polygon.plane)),
+        );
+    }
+    let mut lengths: BTreeMap<[u32; 2], f64> = BTreeMap::new();
+    for both in unique(uses).chunk_by(|a, b| a.0 == b.0) {
+        if let [(ends, one), (_, other)] = both {
+            let [from, to] = ends.map(|it| structure.positions[it as usize]);
+            *lengths.entry([*one, *other]).or_default() += (to - from).norm();
+        }
+    }
+    let edge = |(planes, length)| Edge { planes, length };
+    lengths.into_iter().map(edge).collect()
 }
 
 /// Pairs of planes large enough to be measured.

@@ -11,6 +11,8 @@ use crate::structure::Structure;
 const HEIGHTS: usize = 64;
 /// An opening is at least this share of the height of the room wide.
 const LEAST_OPENING: f64 = 0.1;
+/// Frames of openings stand out of a wall by less than this share of the smallest opening.
+const REACH: f64 = 0.25;
 
 /// A straight piece of a plane in the section.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,7 +28,7 @@ pub struct Piece {
 pub struct Opening {
     /// Number of the wall's plane.
     pub plane: u32,
-    /// Length of the gap at the height of the section.
+    /// Clear width at the height of the section: between frames or jambs where these were seen, else of the gap in the wall.
     pub width: f64,
     /// From where to where, in the upright frame.
     pub ends: [Point2<f64>; 2],
@@ -105,6 +107,9 @@ impl Plan {
         plan.rest = triangles
             .filter_map(|it| cut(structure, &upright, it, plan.height))
             .collect();
+        let least = LEAST_OPENING * (high - low);
+        plan.narrow(REACH * least);
+        plan.openings.retain(|it| it.width >= least);
         let floor = structure.planes.iter().find(|it| it.kind == Kind::Floor);
         plan.above_floor = floor.map(|it| plan.height - structure.up.dot(&it.center.coords));
         Some(plan)
@@ -135,15 +140,46 @@ impl Plan {
                 let behind = scene.cast(&at, &-plane.normal, far).is_some();
                 behind && scene.cast(&at, &plane.normal, 0.5 * width).is_none()
             };
-            if [0.25, 0.5, 0.75].iter().filter(|it| is_open(it)).count() >= 2 {
-                found.push(Opening {
-                    plane: pair[0].plane,
-                    width,
-                    ends,
-                });
+            if [0.25, 0.5, 0.75].iter().filter(|it| is_open(it)).count() < 2 {
+                continue;
             }
+            found.push(Opening {
+                plane: pair[0].plane,
+                width,
+                ends,
+            });
         }
         found
+    }
+
+    /// Narrows openings to their clear width: frames and jambs stand in the gap, within `reach` of the plane of the wall.
+    fn narrow(&mut self, reach: f64) {
+        let cuts: Vec<[Point2<f64>; 2]> = (self.walls.iter().map(|it| it.ends))
+            .chain(self.rest.iter().copied())
+            .collect();
+        for opening in &mut self.openings {
+            let along = (opening.ends[1] - opening.ends[0]) / opening.width;
+            let middle = nalgebra::center(&opening.ends[0], &opening.ends[1]);
+            let mut clear = [-0.5, 0.5].map(|it| it * opening.width);
+            for ends in &cuts {
+                // Along the wall and across it, as far as the cut is within reach.
+                let [a, b] =
+                    ends.map(|end| [along.dot(&(end - middle)), along.perp(&(end - middle))]);
+                let [s, t] =
+                    [-reach, reach].map(|it| ((it - a[1]) / (b[1] - a[1])).clamp(0.0, 1.0));
+                if s == t {
+                    continue;
+                }
+                let [s, t] = [s, t].map(|it| a[0] + it * (b[0] - a[0]));
+                if s.max(t) <= 0.0 {
+                    clear[0] = clear[0].max(s.max(t));
+                } else if s.min(t) >= 0.0 {
+                    clear[1] = clear[1].min(s.min(t));
+                }
+            }
+            opening.width = clear[1] - clear[0];
+            opening.ends = clear.map(|it| middle + it * along);
+        }
     }
 }
 

@@ -1,10 +1,12 @@
 //! Polygons with holes: rings of border vertices, checked and triangulated.
 
 use nalgebra::Point3;
+use spade::handles::FixedVertexHandle;
 use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
 
 use crate::plane::Plane;
-use crate::surface::Surface;
+use crate::structure::sides;
+use crate::surface::{Surface, rank, unique};
 
 /// The rings of each component: vertices along its border, triangles to the left, only those that `is_corner`.
 ///
@@ -53,11 +55,7 @@ pub(crate) fn rings(
 
 /// Twice the area that a ring encloses, counter-clockwise positive.
 pub(crate) fn doubled_area(ring: &[[f64; 2]]) -> f64 {
-    let next = ring.iter().cycle().skip(1);
-    ring.iter()
-        .zip(next)
-        .map(|(a, b)| a[0] * b[1] - a[1] * b[0])
-        .sum()
+    sides(ring).map(|[a, b]| a[0] * b[1] - a[1] * b[0]).sum()
 }
 
 /// Rings with their triangles.
@@ -96,53 +94,14 @@ pub(crate) fn fill(
         }
     }
     let rings: Vec<Vec<u32>> = kept.into_iter().map(|it| it.1.clone()).collect();
-    let mut sides: Vec<[u32; 2]> = Vec::new();
-    for ring in &rings {
-        let next = ring.iter().cycle().skip(1);
-        sides.extend(ring.iter().zip(next).map(|(a, b)| [*a, *b]));
-    }
-    faults.extend(crossing_sides(&sides, flat));
     faults.extend(crossing_at_vertices(&rings, flat));
-    if !faults.is_empty() {
-        faults.sort_unstable();
-        faults.dedup();
-        return Err(faults);
-    }
-    let outside = stray_holes(&rings, flat);
-    if !outside.is_empty() {
-        return Err(outside);
-    }
-    let triangles = triangulate(&sides, flat).ok_or_else(|| rings.concat())?;
+    let triangles = triangulate(&rings, faults, flat).map_err(unique)?;
     Ok(Filled { rings, triangles })
 }
 
 /// Twice the area that a ring encloses.
 fn area(ring: &[u32], flat: impl Fn(&u32) -> [f64; 2]) -> f64 {
     doubled_area(&ring.iter().map(flat).collect::<Vec<_>>())
-}
-
-/// The vertices of sides that cross, touch or repeat each other, ascending.
-fn crossing_sides(sides: &[[u32; 2]], flat: impl Fn(&u32) -> [f64; 2]) -> Vec<u32> {
-    let ends: Vec<[[f64; 2]; 2]> = sides
-        .iter()
-        .map(|it| [flat(&it[0]), flat(&it[1])])
-        .collect();
-    let mut order: Vec<usize> = (0..sides.len()).collect();
-    let low = |it: &usize| ends[*it][0][0].min(ends[*it][1][0]);
-    let high = |it: &usize| ends[*it][0][0].max(ends[*it][1][0]);
-    order.sort_by(|a, b| low(a).total_cmp(&low(b)).then(a.cmp(b)));
-    let mut found = Vec::new();
-    for (rank, one) in order.iter().enumerate() {
-        let beside = order[rank + 1..].iter();
-        for other in beside.take_while(|it| low(it) <= high(one)) {
-            if meets(&sides[*one], &sides[*other], &ends[*one], &ends[*other]) {
-                found.extend(sides[*one].iter().chain(&sides[*other]));
-            }
-        }
-    }
-    found.sort_unstable();
-    found.dedup();
-    found
 }
 
 /// The vertices where rings cross themselves or each other in a common vertex, with the vertices beside them.
@@ -182,106 +141,67 @@ fn crossing_at_vertices(rings: &[Vec<u32>], flat: impl Fn(&u32) -> [f64; 2]) -> 
     found
 }
 
-/// Whether two sides have a point in common other than a vertex of both.
-fn meets(one: &[u32; 2], other: &[u32; 2], a: &[[f64; 2]; 2], b: &[[f64; 2]; 2]) -> bool {
-    let overlaps = |axis: usize| {
-        let range =
-            |it: &[[f64; 2]; 2]| (it[0][axis].min(it[1][axis]), it[0][axis].max(it[1][axis]));
-        let (one, other) = (range(a), range(b));
-        one.0 <= other.1 && other.0 <= one.1
-    };
-    if !(overlaps(0) && overlaps(1)) {
-        return false;
-    }
-    let turn = |p: &[f64; 2], q: &[f64; 2], r: &[f64; 2]| {
-        let value = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]);
-        value.partial_cmp(&0.0).map_or(0, |it| it as i32)
-    };
-    let shared = one.iter().filter(|it| other.contains(it)).count();
-    if shared == 2 {
-        return true;
-    }
-    if shared == 1 {
-        // Both leave the common vertex in one direction, or one is a point.
-        let common = one.iter().position(|it| other.contains(it)).unwrap_or(0);
-        let at = other.iter().position(|it| *it == one[common]).unwrap_or(0);
-        let (from, p, q) = (a[common], a[1 - common], b[1 - at]);
-        let along = (p[0] - from[0]) * (q[0] - from[0]) + (p[1] - from[1]) * (q[1] - from[1]);
-        return turn(&from, &p, &q) == 0 && along >= 0.0;
-    }
-    let [c, d] = [turn(&a[0], &a[1], &b[0]), turn(&a[0], &a[1], &b[1])];
-    let [e, f] = [turn(&b[0], &b[1], &a[0]), turn(&b[0], &b[1], &a[1])];
-    c * d <= 0 && e * f <= 0
-}
-
-/// The vertices of holes that lie outside the first ring, or inside another hole.
-fn stray_holes(rings: &[Vec<u32>], flat: impl Fn(&u32) -> [f64; 2]) -> Vec<u32> {
-    let contains = |ring: &[u32], [x, y]: [f64; 2]| {
-        let next = ring.iter().cycle().skip(1);
-        let sides = ring.iter().zip(next).map(|(a, b)| [flat(a), flat(b)]);
-        let crossed = sides.filter(|[a, b]| {
-            (a[1] > y) != (b[1] > y) && x < (b[0] - a[0]) * (y - a[1]) / (b[1] - a[1]) + a[0]
-        });
-        crossed.count() % 2 == 1
-    };
-    let mut found = Vec::new();
-    for (index, hole) in rings.iter().enumerate().skip(1) {
-        // A vertex that no other ring has.
-        let own = |it: &&u32| rings.iter().filter(|ring| ring.contains(it)).count() == 1;
-        let Some(at) = hole.iter().find(own).map(&flat) else {
-            continue;
-        };
-        let others = rings.iter().enumerate().skip(1);
-        let is_nested = others
-            .filter(|it| it.0 != index)
-            .any(|it| contains(it.1, at));
-        if is_nested || !contains(&rings[0], at) {
-            found.extend(hole);
-        }
-    }
-    found
-}
-
-/// The constrained Delaunay triangulation of what lies to the left of sides, which do not cross; `None` when they do.
-fn triangulate(sides: &[[u32; 2]], flat: impl Fn(&u32) -> [f64; 2]) -> Option<Vec<[u32; 3]>> {
-    let mut vertices: Vec<u32> = sides.iter().flatten().copied().collect();
-    vertices.sort_unstable();
-    vertices.dedup();
+/// The constrained Delaunay triangulation of what lies inside the first ring and outside the others.
+///
+/// # Errors
+/// Vertices with known faults, those of sides that cross, touch or repeat each other, and of holes outside the first ring or inside another hole.
+fn triangulate(
+    rings: &[Vec<u32>],
+    mut faults: Vec<u32>,
+    flat: impl Fn(&u32) -> [f64; 2],
+) -> Result<Vec<[u32; 3]>, Vec<u32>> {
+    let vertices = unique(rings.concat());
     let mut plan: ConstrainedDelaunayTriangulation<Point2<f64>> = Default::default();
     let mut handles = Vec::with_capacity(vertices.len());
+    let mut doubled = Vec::new();
     for vertex in &vertices {
         // `spade` refuses very small values.
         let [x, y] = flat(vertex).map(|it| if it.abs() < 1e-100 { 0.0 } else { it });
-        handles.push(plan.insert(Point2::new(x, y)).ok()?);
-    }
-    if plan.num_vertices() != vertices.len() {
-        return None;
-    }
-    let handle = |vertex: &u32| handles[vertices.binary_search(vertex).unwrap_or(0)];
-    for [a, b] in sides {
-        let [from, to] = [handle(a), handle(b)];
-        if from == to || !plan.can_add_constraint(from, to) {
-            return None;
+        let count = plan.num_vertices();
+        handles.push(plan.insert(Point2::new(x, y)).map_err(|_| rings.concat())?);
+        if plan.num_vertices() == count {
+            doubled.push(*vertex);
         }
-        plan.add_constraint(from, to);
+    }
+    if !doubled.is_empty() {
+        return Err([faults, doubled].concat());
+    }
+    let number = |it: FixedVertexHandle| vertices[it.index()];
+    let handle = |vertex: u32| handles[rank(&vertices, &vertex) as usize];
+    let all = || rings.iter().flat_map(|it| sides(it));
+    for side in all() {
+        let [from, to] = side.map(handle);
+        let conflicts = plan.get_conflicting_edges_between_vertices(from, to);
+        let conflicts = conflicts.flat_map(|it| it.vertices().map(|it| number(it.fix())));
+        let conflicts: Vec<u32> = conflicts.collect();
         // A vertex on the side would split it.
-        plan.get_edge_from_neighbors(from, to)?;
+        let is_new = conflicts.is_empty() && plan.add_constraint(from, to);
+        if !is_new || plan.get_edge_from_neighbors(from, to).is_none() {
+            faults.extend(side.iter().chain(&conflicts));
+        }
     }
-    // Faces to the left of sides, and all that no side separates from them.
+    if !faults.is_empty() {
+        return Err(faults);
+    }
+    // Faces to the left of the outer ring, and all that no side separates from them.
+    let left = |[a, b]: [u32; 2]| {
+        let edge = plan.get_edge_from_neighbors(handle(a), handle(b));
+        edge.map(|it| it.face().fix())
+    };
     let mut is_inside = vec![false; plan.num_all_faces()];
-    let mut stack = Vec::new();
-    for [a, b] in sides {
-        let edge = plan.get_edge_from_neighbors(handle(a), handle(b))?;
-        stack.push(edge.face().fix());
-    }
+    let mut stack: Vec<_> = rings
+        .iter()
+        .take(1)
+        .flat_map(|it| sides(it))
+        .filter_map(left)
+        .collect();
     let mut triangles = Vec::new();
     while let Some(face) = stack.pop() {
         if std::mem::replace(&mut is_inside[face.index()], true) {
             continue;
         }
-        // Beyond the hull: rings are not nested.
-        let inner = plan.face(face).as_inner()?;
-        let mut triangle = inner.vertices().map(|it| vertices[it.fix().index()]);
+        let inner = plan.face(face).as_inner().ok_or_else(|| rings.concat())?;
+        let mut triangle = inner.vertices().map(|it| number(it.fix()));
         let least = (0..3).min_by_key(|it| triangle[*it]).unwrap_or(0);
         triangle.rotate_left(least);
         triangles.push(triangle);
@@ -291,15 +211,16 @@ fn triangulate(sides: &[[u32; 2]], flat: impl Fn(&u32) -> [f64; 2]) -> Option<Ve
             }
         }
     }
-    // What lies to the right of sides is outside.
-    for [a, b] in sides {
-        let edge = plan.get_edge_from_neighbors(handle(a), handle(b))?;
-        if is_inside[edge.rev().face().fix().index()] {
-            return None;
-        }
-    }
+    // What lies to the left of sides is inside, and what lies to their right is outside.
+    let is_inside = |side| left(side).is_some_and(|it| is_inside[it.index()]);
+    let faults = all().filter(|[a, b]| !is_inside([*a, *b]) || is_inside([*b, *a]));
+    let faults: Vec<u32> = faults.flatten().collect();
     triangles.sort_unstable();
-    Some(triangles)
+    if faults.is_empty() {
+        Ok(triangles)
+    } else {
+        Err(faults)
+    }
 }
 
 #[cfg(test)]

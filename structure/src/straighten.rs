@@ -10,6 +10,7 @@ use nalgebra::{Point3, Vector2};
 use crate::border::Chain;
 use crate::label::REST;
 use crate::plane::Plane;
+use crate::surface::unique;
 
 /// Parts of a border turn by more at a corner between two fitted lines: cosine of 15 degrees.
 const LEAST_CORNER_COSINE: f64 = 0.966;
@@ -77,13 +78,8 @@ impl Straightener<'_> {
         positions: &mut [Point3<f64>],
         is_corner: &mut [bool],
     ) {
-        let mut planes: Vec<u32> = (chain.around.iter())
-            .filter(|it| **it != REST)
-            .map(|it| self.plane_of[*it as usize])
-            .collect();
-        planes.dedup();
-        planes.sort_unstable();
-        planes.dedup();
+        let around = chain.around.iter().filter(|it| **it != REST);
+        let planes = unique(around.map(|it| self.plane_of[*it as usize]));
         let keeps_all = chain.around.contains(&REST);
         let plane = &self.planes[planes[0] as usize];
         let axes = plane.axes();
@@ -95,11 +91,8 @@ impl Straightener<'_> {
             vertices.pop();
             let first = flat(&vertices[0]);
             let away = |it: &u32| (flat(it) - first).norm_squared();
-            let far = (0..vertices.len()).max_by(|a, b| {
-                away(&vertices[*a])
-                    .total_cmp(&away(&vertices[*b]))
-                    .then(b.cmp(a))
-            });
+            let all = (0..vertices.len()).rev();
+            let far = all.max_by(|a, b| away(&vertices[*a]).total_cmp(&away(&vertices[*b])));
             vertices.rotate_left(far.unwrap_or(0));
             vertices.push(vertices[0]);
         }
@@ -156,20 +149,14 @@ impl Straightener<'_> {
             .collect();
         if is_closed {
             let away = |it: &usize| (points[*it] - points[0]).norm_squared();
-            let opposite = (0..last).max_by(|a, b| away(a).total_cmp(&away(b)).then(b.cmp(a)));
-            kept.extend(opposite);
-            kept.sort_unstable();
-            kept.dedup();
+            let opposite = (0..last).rev().max_by(|a, b| away(a).total_cmp(&away(b)));
+            kept = unique(kept.into_iter().chain(opposite));
         }
-        let between_raw = |it: &[usize]| raw[it[0]] && raw[it[1]];
-        let inside = kept
-            .windows(2)
-            .filter(|it| between_raw(it))
-            .flat_map(|it| it[0] + 1..it[1]);
-        let inside: Vec<usize> = inside.collect();
-        let mut kept = split(points, kept, self.tolerance, between_raw);
-        kept.extend(inside);
-        kept.sort_unstable();
+        let parts = kept.windows(2).map(|it| [it[0], it[1]]);
+        let (done, open): (Vec<_>, Vec<_>) = parts.partition(|it| raw[it[0]] && raw[it[1]]);
+        let between_raw = done.iter().flat_map(|it| it[0] + 1..it[1]);
+        let splits = split(points, open, self.tolerance);
+        let kept = unique(kept.into_iter().chain(between_raw).chain(splits));
         let part = |pair: &[usize]| match pair[1] - pair[0] {
             1 => None,
             _ => self.line(&points[pair[0]..=pair[1]], lines),
@@ -180,10 +167,8 @@ impl Straightener<'_> {
             let point = points[kept[at]];
             let [before, after] = match at {
                 _ if raw[kept[at]] => [None, None],
-                0 if is_closed => [parts[count - 1], parts[0]],
-                _ if is_closed && at == count => [parts[count - 1], parts[0]],
-                0 => [None, None],
-                _ if at == count => [None, None],
+                _ if is_closed => [parts[(at + count - 1) % count], parts[at % count]],
+                _ if at == 0 || at == count => [None, None],
                 _ => [parts[at - 1], parts[at]],
             };
             (kept[at], self.join(point, before, after))
@@ -246,19 +231,9 @@ impl Straightener<'_> {
     }
 }
 
-/// Splits a polyline at its farthest point from each chord, until all are within the tolerance. Parts that are `done` are left out.
-fn split(
-    points: &[Point2],
-    kept: Vec<usize>,
-    tolerance: f64,
-    done: impl Fn(&[usize]) -> bool,
-) -> Vec<usize> {
-    let mut all = kept.clone();
-    let mut open: Vec<[usize; 2]> = kept
-        .windows(2)
-        .filter(|it| !done(it))
-        .map(|it| [it[0], it[1]])
-        .collect();
+/// Where parts of a polyline are split: at the farthest point from each chord, until all are within the tolerance.
+fn split(points: &[Point2], mut open: Vec<[usize; 2]>, tolerance: f64) -> Vec<usize> {
+    let mut all = Vec::new();
     while let Some([from, to]) = open.pop() {
         let chord = Line::between(points[from], points[to]);
         let away = |it: usize| match &chord {
@@ -271,8 +246,8 @@ fn split(
             }
             None => (points[it] - points[from]).norm(),
         };
-        let farthest = (from + 1..to).map(|it| (away(it), it));
-        let farthest = farthest.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
+        let farthest = (from + 1..to).rev().map(|it| (away(it), it));
+        let farthest = farthest.max_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((distance, at)) = farthest
             && distance > tolerance
         {
@@ -280,7 +255,6 @@ fn split(
             open.extend([[from, at], [at, to]]);
         }
     }
-    all.sort_unstable();
     all
 }
 

@@ -2,9 +2,10 @@
 
 use linecarve_mesh::TriangleMesh;
 use nalgebra::{Point3, Vector3};
+use serde::Serialize;
 
 use crate::kind::Kind;
-use crate::measures::{Angle, Distance};
+use crate::measures::{Angle, Distance, Edge};
 
 /// How a structure is found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,8 +28,14 @@ impl Default for StructureOptions {
 }
 
 /// A plane of a structure.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct StructurePlane {
+    /// Its name in files: its number and its kind.
+    pub name: String,
+    /// What it seems to be.
+    pub kind: Kind,
+    /// Number of its polygons.
+    pub polygons: usize,
     /// Unit normal, towards free space.
     pub normal: Vector3<f64>,
     /// `normal · x` of positions on the plane.
@@ -37,15 +44,17 @@ pub struct StructurePlane {
     pub center: Point3<f64>,
     /// Area of its polygons.
     pub area: f64,
+    /// Its extent: width along a level direction, and height across it.
+    pub size: [f64; 2],
     /// Root mean square distance of the vertices of the mesh to it.
     pub rms: f64,
     /// Standard deviation of its offset at the centre.
     pub sigma: f64,
-    /// What it seems to be.
-    pub kind: Kind,
     /// Whether its normal is one of the main directions.
+    #[serde(rename = "aligned")]
     pub is_aligned: bool,
     /// Mean sRGB colour of its vertices, when the mesh has colours.
+    #[serde(skip)]
     pub color: Option<[u8; 3]>,
 }
 
@@ -59,6 +68,19 @@ pub struct Polygon {
     pub rings: Vec<Vec<u32>>,
     /// Its triangles, without further vertices.
     pub triangles: Vec<[u32; 3]>,
+}
+
+impl Polygon {
+    /// Sides of all rings, the polygon to the left.
+    pub(crate) fn sides(&self) -> impl Iterator<Item = [u32; 2]> + '_ {
+        self.rings.iter().flat_map(|it| sides(it))
+    }
+}
+
+/// The sides of a ring.
+pub(crate) fn sides<T: Copy>(ring: &[T]) -> impl Iterator<Item = [T; 2]> + '_ {
+    let next = ring.iter().cycle().skip(1);
+    ring.iter().zip(next).map(|(a, b)| [*a, *b])
 }
 
 /// Planes and polygons of a surface, and the triangles that lie on none.
@@ -76,6 +98,8 @@ pub struct Structure {
     pub rest: Vec<[u32; 3]>,
     /// Distances between parallel planes.
     pub distances: Vec<Distance>,
+    /// Where planes meet.
+    pub edges: Vec<Edge>,
     /// Angles between other planes.
     pub angles: Vec<Angle>,
     /// Three main directions at right angles, the third one up, when planes have them.

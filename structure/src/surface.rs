@@ -3,6 +3,19 @@
 use linecarve_mesh::{TriangleMesh, for_each_edge};
 use nalgebra::{Point3, Vector3};
 
+/// Distinct values, ascending.
+pub(crate) fn unique<T: Ord>(values: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut values: Vec<T> = values.into_iter().collect();
+    values.sort_unstable();
+    values.dedup();
+    values
+}
+
+/// The place of a value among distinct ascending ones.
+pub(crate) fn rank(values: &[u32], value: &u32) -> u32 {
+    values.binary_search(value).unwrap_or(0) as u32
+}
+
 /// Triangles and their neighbours.
 pub(crate) struct Surface {
     pub(crate) positions: Vec<Point3<f64>>,
@@ -75,6 +88,11 @@ impl Surface {
         self.triangles[triangle as usize].map(|corner| self.positions[corner as usize])
     }
 
+    /// Distinct corners of triangles, ascending.
+    pub(crate) fn vertices_of(&self, triangles: &[u32]) -> Vec<u32> {
+        unique(triangles.iter().flat_map(|it| self.triangles[*it as usize]))
+    }
+
     /// The triangles across the edges of one.
     pub(crate) fn neighbours(&self, triangle: u32) -> impl Iterator<Item = u32> + '_ {
         self.across[triangle as usize].iter().flatten().copied()
@@ -115,27 +133,17 @@ fn pairs(uses: &[u32], triangles: &[[u32; 3]], given: &[[u32; 3]]) -> Vec<[u32; 
         [0, 1].map(|next| triangle[(use_ as usize + next) % 3])
     };
     let mut found = Vec::new();
-    let mut left: Vec<u32> = uses.to_vec();
-    let mut originals: Vec<[u32; 2]> = Vec::new();
-    for use_ in uses {
+    let mut left: Vec<u32> = Vec::new();
+    let side = |use_: &u32| {
         let [a, b] = ends(given, *use_);
-        originals.push([a.min(b), a.max(b)]);
-    }
-    originals.sort_unstable();
-    originals.dedup();
-    for original in originals {
-        let own = |use_: &u32| {
-            let [a, b] = ends(given, *use_);
-            [a.min(b), a.max(b)] == original
-        };
-        let own: Vec<u32> = uses.iter().copied().filter(own).collect();
-        if let [one, other] = own[..] {
-            if ends(given, one) != ends(given, other) {
-                found.push([one, other]);
-            }
-            left.retain(|it| !own.contains(it));
-        } else if own.len() > 2 {
-            left.retain(|it| !own.contains(it));
+        [a.min(b), a.max(b)]
+    };
+    for original in unique(uses.iter().map(side)) {
+        let own = uses.iter().copied().filter(|it| side(it) == original);
+        match own.collect::<Vec<u32>>()[..] {
+            [one] => left.push(one),
+            [one, other] if ends(given, one) != ends(given, other) => found.push([one, other]),
+            _ => (),
         }
     }
     if let [one, other] = left[..]

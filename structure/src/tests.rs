@@ -131,6 +131,27 @@ fn an_exact_room_is_six_polygons_that_share_their_corners() {
         (area - (2.0 * (12.0 + 10.0 + 7.5) - 1.6)).abs() < 1e-9,
         "{area}"
     );
+    for plane in &found.planes {
+        let truth = match plane.kind {
+            Kind::Wall if plane.normal.x.abs() > 0.5 => [3.0, 2.5],
+            Kind::Wall => [4.0, 2.5],
+            _ => [4.0, 3.0],
+        };
+        let mut size = plane.size;
+        if plane.kind != Kind::Wall {
+            size.sort_by(|a, b| b.total_cmp(a));
+        }
+        assert!(
+            (0..2).all(|it| (size[it] - truth[it]).abs() < 1e-9),
+            "{plane:?}"
+        );
+    }
+    // Four sides of each height and length, without the 0.8 of the doorway.
+    let met: f64 = found.edges.iter().map(|it| it.length).sum();
+    assert!(
+        (met - (4.0 * (4.0 + 3.0 + 2.5) - 0.8)).abs() < 1e-9,
+        "{met}"
+    );
     // Each side belongs to two polygons, except three sides of the doorway and the floor before it.
     let mut sides: BTreeMap<[u32; 2], i32> = BTreeMap::new();
     for ring in found.polygons.iter().flat_map(|it| &it.rings) {
@@ -231,6 +252,24 @@ fn the_plan_shows_walls_and_the_doorway() {
     assert!((length - (14.0 - 0.8)).abs() < 1e-9, "{length}");
     // The wall behind.
     assert_eq!(plan.rest.len(), 2);
+    // A frame of 3 cm before the wall and 10 cm behind it, 8 cm into the doorway on each side.
+    let mut framed = room(0.0, 1);
+    for y in [1.08, 1.72] {
+        let first = framed.positions.len() as u32;
+        let corners = [[-0.1, 0.0], [0.03, 0.0], [0.03, 2.0], [-0.1, 2.0]];
+        framed
+            .positions
+            .extend(corners.map(|[x, z]| Point3::new(x, y, z)));
+        framed
+            .triangles
+            .extend([[first, first + 1, first + 2], [first, first + 2, first + 3]]);
+    }
+    let plan = Plan::new(&structure(&framed, &[], &up())).unwrap();
+    assert!(
+        (plan.openings[0].width - 0.64).abs() < 1e-9,
+        "{:?}",
+        plan.openings
+    );
 }
 
 #[test]
@@ -285,8 +324,7 @@ fn files_hold_the_structure() {
 
     write_usda(&path("a.usda"), &found).unwrap();
     assert_eq!(text("a.usda").matches("def Mesh").count(), 7);
-    write_svg(&path("a.svg"), &found, plan.as_ref()).unwrap();
-    let svg = text("a.svg");
+    let svg = svg(&found, plan.as_ref());
     assert!(
         svg.contains("1 : 20,") && svg.contains(">0.800<") && svg.contains("3.000 ±"),
         "{svg}"
@@ -298,5 +336,6 @@ fn files_hold_the_structure() {
     assert_eq!(json["polygons"], 6);
     assert_eq!(json["planes"].as_array().unwrap().len(), 6);
     assert_eq!(json["distances"].as_array().unwrap().len(), 3);
+    assert_eq!(json["edges"].as_array().unwrap().len(), 12);
     assert_eq!(json["planes"][0]["normal"].as_array().unwrap().len(), 3);
 }

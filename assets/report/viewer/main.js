@@ -10,7 +10,7 @@ import { colorBar, facts, notes, table } from './tables.js';
 const find = (id) => document.getElementById(id);
 const number = new Intl.NumberFormat('en');
 
-/** Options after the # of the address: `#keyframe=10&view=keyframe&color=error&hide=segments,cameras`. */
+/** Options after the # of the address: `#keyframe=10&view=keyframe&color=error&hide=segments,cameras`, or `#tab=planes`. */
 function readHash() {
   return Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
 }
@@ -44,6 +44,7 @@ class Page {
     this.plots = [];
     this.playing = null;
     this.#writeText();
+    this.#buildTabs();
     this.#plot();
     const scale = data.error_scale ? linearScale(data.error_scale) : null;
     this.surfaces = data.surfaces.map((surface) => new Surface(surface, scale));
@@ -71,6 +72,17 @@ class Page {
     find('warnings-section').hidden = data.warnings.length === 0;
     notes(find('warnings'), data.warnings);
     find('generator').textContent = data.generator;
+  }
+
+  #buildTabs() {
+    const { structure } = this.data;
+    find('tabs').hidden = !structure;
+    if (!structure) return;
+    find('plan').src = `data:image/svg+xml,${encodeURIComponent(structure.plan)}`;
+    for (const one of structure.tables) table(find('plane-tables'), one);
+    for (const name of ['surface', 'planes']) {
+      find(`tab-${name}`).addEventListener('click', () => this.setTab(name));
+    }
   }
 
   #plot() {
@@ -213,6 +225,12 @@ class Page {
     this.#plot();
   }
 
+  setTab(name) {
+    const tab = this.data.structure && name === 'planes' ? 'planes' : 'surface';
+    for (const one of ['surface', 'planes']) find(`tab-${one}`).classList.toggle('active', one === tab);
+    document.body.classList.toggle('planes', tab === 'planes');
+  }
+
   setView(name) {
     this.follows = name === 'keyframe';
     for (const one of ['outside', 'keyframe']) find(`view-${one}`).classList.toggle('active', one === name);
@@ -296,6 +314,7 @@ function selfTest(page, loadMs) {
 function open(data, hash) {
   const page = new Page(data);
   if (data.surfaces.length === 1) document.body.classList.add('single');
+  page.setTab(hash.tab);
   page.setView('outside');
   page.setLayer('segments', false);
   const asked = Number.parseInt(hash.keyframe, 10);

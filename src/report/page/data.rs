@@ -35,6 +35,8 @@ pub struct Page {
     pub error_scale: Option<ErrorScale>,
     /// Tables, in order.
     pub tables: Vec<PageTable>,
+    /// Planes of the surface, where they were looked for.
+    pub structure: Option<PageStructure>,
     /// Plots over keyframes.
     pub count_plots: Vec<CountPlot>,
     /// Names and values of the run.
@@ -160,6 +162,15 @@ pub struct PageTable {
     pub note: String,
 }
 
+/// Planes of the surface: a tab of the page.
+#[derive(Debug, Clone, Serialize)]
+pub struct PageStructure {
+    /// The floor plan, as SVG.
+    pub plan: String,
+    /// Tables beside it.
+    pub tables: Vec<PageTable>,
+}
+
 /// Plots over keyframes.
 #[derive(Debug, Clone, Serialize)]
 pub struct CountPlot {
@@ -197,6 +208,7 @@ pub(super) struct PageData<'a> {
     surfaces: Vec<SurfaceData<'a>>,
     error_scale: &'a Option<ErrorScale>,
     tables: &'a [PageTable],
+    structure: &'a Option<PageStructure>,
     count_plots: &'a [CountPlot],
     facts: &'a [(String, String)],
     warnings: &'a [String],
@@ -266,6 +278,7 @@ impl<'a> PageData<'a> {
             surfaces: page.surfaces.iter().map(SurfaceData::new).collect(),
             error_scale: &page.error_scale,
             tables: &page.tables,
+            structure: &page.structure,
             count_plots: &page.count_plots,
             facts: &page.facts,
             warnings: &page.warnings,

@@ -15,8 +15,8 @@ mod triangle_history;
 mod write;
 
 pub use data::{
-    CountPlot, ErrorScale, OutsideView, Page, PageCamera, PageKeyframe, PageSurface, PageTable,
-    Series, StageTiming,
+    CountPlot, ErrorScale, OutsideView, Page, PageCamera, PageKeyframe, PageStructure, PageSurface,
+    PageTable, Series, StageTiming,
 };
 pub use errors::triangle_errors;
 pub use history::{Elements, HistoryLimits, SurfaceHistory};

@@ -4,10 +4,8 @@ use std::path::Path;
 
 use linecarve_mesh::{Geometry, GlbPart, GltfFrame, MeshFileError, TriangleMesh, write_glb};
 
+use super::{Part, parts, ranked};
 use crate::structure::Structure;
-
-/// Colour of triangles on no plane, when the mesh has no colours.
-const REST: [u8; 3] = [150, 150, 150];
 
 /// Writes one node for each plane, named and coloured, and the node `rest`. Polygons that meet have equal positions along their border.
 ///
@@ -18,39 +16,24 @@ pub fn write_structure_glb(
     structure: &Structure,
     frame: GltfFrame,
 ) -> Result<(), MeshFileError> {
-    let mut nodes: Vec<(String, [u8; 3], TriangleMesh)> = Vec::new();
-    for (plane, polygons) in structure.by_plane() {
-        let triangles = polygons.iter().flat_map(|it| it.triangles.iter().copied());
-        let mesh = part(structure, triangles.collect(), false);
-        nodes.push((
-            structure.plane_name(plane),
-            structure.plane_color(plane),
-            mesh,
-        ));
-    }
-    nodes.push((
-        "rest".to_owned(),
-        REST,
-        part(structure, structure.rest.clone(), true),
-    ));
-    let parts: Vec<GlbPart<'_>> = (nodes.iter())
-        .map(|(name, color, mesh)| GlbPart {
-            name,
-            geometry: Geometry::Mesh(mesh),
-            color: *color,
-        })
-        .collect();
-    write_glb(path, &parts, frame)
+    let parts = parts(structure);
+    let meshes: Vec<TriangleMesh> = parts.iter().map(|it| mesh(structure, it)).collect();
+    let nodes = parts.iter().zip(&meshes).map(|(part, mesh)| GlbPart {
+        name: &part.name,
+        geometry: Geometry::Mesh(mesh),
+        color: part.color,
+    });
+    write_glb(path, &nodes.collect::<Vec<_>>(), frame)
 }
 
-/// Triangles with the vertices that they use.
-fn part(structure: &Structure, mut triangles: Vec<[u32; 3]>, is_colored: bool) -> TriangleMesh {
-    let mut used: Vec<u32> = triangles.iter().flatten().copied().collect();
-    used.sort_unstable();
-    used.dedup();
-    let renumber = |vertex: &mut u32| *vertex = used.binary_search(vertex).unwrap_or(0) as u32;
-    triangles.iter_mut().flatten().for_each(renumber);
-    let colors = structure.colors.as_ref().filter(|_| is_colored);
+/// The triangles of a part with the vertices that they use; those on no plane keep the colours of their vertices.
+fn mesh(structure: &Structure, part: &Part<'_>) -> TriangleMesh {
+    let triangles = part
+        .polygons
+        .iter()
+        .flat_map(|it| it.triangles.iter().copied());
+    let (used, triangles) = ranked(triangles.collect());
+    let colors = structure.colors.as_ref().filter(|_| part.kind.is_none());
     TriangleMesh {
         positions: used
             .iter()

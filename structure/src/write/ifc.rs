@@ -7,11 +7,11 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use linecarve_mesh::files::{WriteError, write_atomically};
-use nalgebra::Point3;
 
-use super::Decimals;
+use super::{Part, parts, texts};
 use crate::kind::Kind;
-use crate::structure::{Polygon, Structure};
+use crate::structure::{Polygon, Structure, StructurePlane};
+use crate::surface::{rank, unique};
 
 /// Writes walls, the floor as a slab, the ceiling as a covering, and other planes as plates, in one storey. Only seen surfaces are
 /// written: elements have no thickness, and holes are holes of their faces. Triangles on no plane are one proxy.
@@ -19,12 +19,10 @@ use crate::structure::{Polygon, Structure};
 /// # Errors
 /// When the file cannot be written.
 pub fn write_ifc(path: &Path, structure: &Structure) -> Result<(), WriteError> {
-    let upright = structure.upright_from_original();
     let mut file = File {
         text: String::new(),
         last: 0,
-        decimals: Decimals::of(structure),
-        points: structure.positions.iter().map(|it| upright * it).collect(),
+        points: texts(structure, &structure.upright_from_original()),
     };
     file.fill(structure);
     let generator = concat!("linecarve ", env!("CARGO_PKG_VERSION"));
@@ -49,8 +47,7 @@ pub fn write_ifc(path: &Path, structure: &Structure) -> Result<(), WriteError> {
 struct File {
     text: String,
     last: usize,
-    decimals: Decimals,
-    points: Vec<Point3<f64>>,
+    points: Vec<[String; 3]>,
 }
 
 impl File {
@@ -92,24 +89,17 @@ impl File {
                 identity("aggregate", number)
             ));
         }
-        let mut elements = Vec::new();
-        for (plane, polygons) in structure.by_plane() {
-            elements.push(self.plane(structure, plane, polygons, &context, &place));
-        }
-        if !structure.rest.is_empty() {
-            let faces: Vec<Polygon> = (structure.rest.iter())
-                .map(|it| Polygon {
-                    plane: 0,
-                    rings: vec![it.to_vec()],
-                    triangles: Vec::new(),
-                })
-                .collect();
-            let shape = self.shape(&faces, &context);
-            let name = identity("rest", 0);
-            elements.push(self.add(&format!(
-                "IFCBUILDINGELEMENTPROXY('{name}',$,'rest',$,$,{place},{shape},$,.NOTDEFINED.)"
-            )));
-        }
+        let parts = parts(structure);
+        let parts = parts
+            .iter()
+            .enumerate()
+            .filter(|it| !it.1.polygons.is_empty());
+        let elements: Vec<String> = parts
+            .map(|(number, part)| {
+                let about = structure.planes.get(number);
+                self.element(number, part, about, &context, &place)
+            })
+            .collect();
         if !elements.is_empty() {
             self.add(&format!(
                 "IFCRELCONTAINEDINSPATIALSTRUCTURE('{}',$,$,$,({}),{storey})",
@@ -126,59 +116,59 @@ impl File {
         ))
     }
 
-    fn plane(
+    fn element(
         &mut self,
-        structure: &Structure,
-        plane: usize,
-        polygons: &[Polygon],
+        number: usize,
+        part: &Part<'_>,
+        plane: Option<&StructurePlane>,
         context: &str,
         place: &str,
     ) -> String {
-        let shape = self.shape(polygons, context);
-        let measured = &structure.planes[plane];
-        let (class, kind) = match measured.kind {
-            Kind::Floor => ("IFCSLAB", ".FLOOR."),
-            Kind::Ceiling => ("IFCCOVERING", ".CEILING."),
-            Kind::Wall => ("IFCWALL", ".NOTDEFINED."),
-            Kind::Upright | Kind::Level | Kind::Other => ("IFCPLATE", ".NOTDEFINED."),
+        let shape = self.shape(&part.polygons, context);
+        let (class, kind) = match part.kind {
+            Some(Kind::Floor) => ("IFCSLAB", ".FLOOR."),
+            Some(Kind::Ceiling) => ("IFCCOVERING", ".CEILING."),
+            Some(Kind::Wall) => ("IFCWALL", ".NOTDEFINED."),
+            Some(_) => ("IFCPLATE", ".NOTDEFINED."),
+            None => ("IFCBUILDINGELEMENTPROXY", ".NOTDEFINED."),
         };
-        let name = structure.plane_name(plane);
-        let id = identity("plane", plane);
-        let about = format!(
-            "area {:.4}, rms {:.5}, standard deviation of the offset {:.6}",
-            measured.area, measured.rms, measured.sigma
-        );
+        let (id, about) = match plane {
+            Some(StructurePlane {
+                area, rms, sigma, ..
+            }) => (
+                identity("plane", number),
+                format!(
+                    "'area {area:.4}, rms {rms:.5}, standard deviation of the offset {sigma:.6}'"
+                ),
+            ),
+            None => (identity("rest", 0), "$".to_owned()),
+        };
+        let name = &part.name;
         self.add(&format!(
-            "{class}('{id}',$,'{name}','{about}',$,{place},{shape},$,{kind})"
+            "{class}('{id}',$,'{name}',{about},$,{place},{shape},$,{kind})"
         ))
     }
 
     /// Polygons as a face set with its own points.
     fn shape(&mut self, polygons: &[Polygon], context: &str) -> String {
-        let mut used: Vec<u32> = polygons
-            .iter()
-            .flat_map(|it| it.rings.iter().flatten().copied())
-            .collect();
-        used.sort_unstable();
-        used.dedup();
-        let real = |value: f64| {
-            let text = self.decimals.text(value);
-            if text.contains('.') {
-                text
-            } else {
-                format!("{text}.")
-            }
-        };
-        let points: Vec<String> = (used.iter())
-            .map(|it| self.points[*it as usize])
-            .map(|it| format!("({})", [it.x, it.y, it.z].map(real).join(",")))
+        let used = unique(
+            polygons
+                .iter()
+                .flat_map(|it| it.rings.iter().flatten())
+                .copied(),
+        );
+        // Reals have a point.
+        let real = |text: &String| format!("{text}{}", if text.contains('.') { "" } else { "." });
+        let points = used.iter().map(|it| self.points[*it as usize].each_ref());
+        let points: Vec<String> = points
+            .map(|it| format!("({})", it.map(real).join(",")))
             .collect();
         let points = self.add(&format!("IFCCARTESIANPOINTLIST3D(({}))", points.join(",")));
         let mut faces = Vec::new();
         for polygon in polygons {
             let rings: Vec<String> = (polygon.rings.iter())
                 .map(|ring| {
-                    let rank = |it: &u32| (used.binary_search(it).unwrap_or(0) + 1).to_string();
+                    let rank = |it: &u32| (rank(&used, it) + 1).to_string();
                     format!("({})", ring.iter().map(rank).collect::<Vec<_>>().join(","))
                 })
                 .collect();

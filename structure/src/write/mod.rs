@@ -12,14 +12,18 @@ mod usda;
 pub use dxf::write_dxf;
 pub use glb::write_structure_glb;
 pub use ifc::write_ifc;
-pub use json::{PlaneSummary, StructureSummary, write_json};
+pub use json::{StructureSummary, write_json};
 pub use obj::write_structure_obj;
-pub use svg::write_svg;
+pub use svg::{deviation_text, svg};
 pub use usda::write_usda;
+
+use std::borrow::Cow;
 
 use nalgebra::{Point3, Rotation3, Vector3};
 
+use crate::kind::Kind;
 use crate::structure::{Polygon, Structure};
+use crate::surface::{rank, unique};
 
 impl Structure {
     /// The rotation into the upright frame: z is up, x is the first main direction, or any level direction without.
@@ -35,23 +39,41 @@ impl Structure {
         let rows = [x, self.up.cross(&x), self.up].map(|row| row.transpose());
         Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_rows(&rows))
     }
+}
 
-    /// The name of a plane in files: its number and its kind.
-    pub fn plane_name(&self, plane: usize) -> String {
-        format!("plane_{plane:03}_{}", self.planes[plane].kind.name())
-    }
+/// What files hold under one name: the polygons of a plane, or the triangles on no plane.
+struct Part<'a> {
+    name: String,
+    /// `None` for the rest.
+    kind: Option<Kind>,
+    color: [u8; 3],
+    polygons: Cow<'a, [Polygon]>,
+}
 
-    /// The colour of a plane: the mean colour of its vertices, else that of its kind.
-    pub fn plane_color(&self, plane: usize) -> [u8; 3] {
-        let plane = &self.planes[plane];
-        plane.color.unwrap_or_else(|| plane.kind.color())
-    }
-
-    /// Polygons of each plane.
-    fn by_plane(&self) -> impl Iterator<Item = (usize, &[Polygon])> {
-        let groups = self.polygons.chunk_by(|a, b| a.plane == b.plane);
-        groups.map(|group| (group[0].plane as usize, group))
-    }
+/// All planes, and the rest as the last part, even when there is none.
+fn parts(structure: &Structure) -> Vec<Part<'_>> {
+    let groups = structure.polygons.chunk_by(|a, b| a.plane == b.plane);
+    let planes = groups.map(|group| {
+        let plane = &structure.planes[group[0].plane as usize];
+        Part {
+            name: plane.name.clone(),
+            kind: Some(plane.kind),
+            color: plane.color.unwrap_or_else(|| plane.kind.color()),
+            polygons: group.into(),
+        }
+    });
+    let rest = structure.rest.iter().map(|triangle| Polygon {
+        plane: u32::MAX,
+        rings: vec![triangle.to_vec()],
+        triangles: vec![*triangle],
+    });
+    let rest = Part {
+        name: "rest".to_owned(),
+        kind: None,
+        color: [150; 3],
+        polygons: rest.collect(),
+    };
+    planes.chain([rest]).collect()
 }
 
 /// Faces of a polygon for formats without holes: the polygon itself, or its triangles when it has holes.
@@ -63,55 +85,39 @@ fn faces(polygon: &Polygon) -> Vec<Vec<u32>> {
 }
 
 /// The vertices that faces use, ascending, and the faces with the ranks of their vertices among them.
-fn ranked(faces: &[Vec<u32>]) -> (Vec<u32>, Vec<Vec<usize>>) {
-    let mut used: Vec<u32> = faces.iter().flatten().copied().collect();
-    used.sort_unstable();
-    used.dedup();
-    let rank = |vertex: &u32| used.binary_search(vertex).unwrap_or(0);
-    let ranked = faces
-        .iter()
-        .map(|face| face.iter().map(rank).collect())
-        .collect();
-    (used, ranked)
+fn ranked<F>(mut faces: Vec<F>) -> (Vec<u32>, Vec<F>)
+where
+    for<'f> &'f F: IntoIterator<Item = &'f u32>,
+    for<'f> &'f mut F: IntoIterator<Item = &'f mut u32>,
+{
+    let used = unique(faces.iter().flatten().copied());
+    (faces.iter_mut().flatten()).for_each(|it| *it = rank(&used, it));
+    (used, faces)
 }
 
-/// Writes coordinates with as many decimals as the size of the structure asks for.
-struct Decimals(usize);
+/// The coordinates of all vertices, turned, with as many decimals as the size of the structure asks for: a ten millionth of the extent,
+/// which is what single precision resolves.
+fn texts(structure: &Structure, turn: &Rotation3<f64>) -> Vec<[String; 3]> {
+    let diagonal = structure.mesh().diagonal();
+    let decimals = match diagonal > 0.0 {
+        true => (-(diagonal * 1e-7).log10()).ceil().clamp(0.0, 15.0) as usize,
+        false => 6,
+    };
+    let texts =
+        |it: &Point3<f64>| <[f64; 3]>::from((turn * it).coords).map(|it| text(it, decimals));
+    structure.positions.iter().map(texts).collect()
+}
 
-impl Decimals {
-    /// A ten millionth of the extent, which is what single precision resolves.
-    fn of(structure: &Structure) -> Self {
-        let Some(first) = structure.positions.first() else {
-            return Self(6);
-        };
-        let bounds = structure
-            .positions
-            .iter()
-            .fold((*first, *first), |(a, b), it| (a.inf(it), b.sup(it)));
-        let diagonal = (bounds.1 - bounds.0).norm();
-        match diagonal > 0.0 {
-            true => Self((-(diagonal * 1e-7).log10()).ceil().clamp(0.0, 15.0) as usize),
-            false => Self(6),
-        }
-    }
-
-    fn text(&self, value: f64) -> String {
-        let text = format!("{value:.*}", self.0);
-        // No sign before zero, and no zeros at the end.
-        let text = match text.contains('.') {
-            true => text.trim_end_matches('0').trim_end_matches('.'),
-            false => &text,
-        };
-        match text {
-            "-0" => "0".to_owned(),
-            text => text.to_owned(),
-        }
-    }
-
-    fn join(&self, point: &Point3<f64>, separator: &str) -> String {
-        [point.x, point.y, point.z]
-            .map(|it| self.text(it))
-            .join(separator)
+/// A number without a sign before zero, and without zeros at the end.
+fn text(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let text = match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.'),
+        false => &text,
+    };
+    match text {
+        "-0" => "0".to_owned(),
+        text => text.to_owned(),
     }
 }
 
@@ -121,9 +127,8 @@ mod tests {
 
     #[test]
     fn numbers_are_as_short_as_they_can_be() {
-        let decimals = Decimals(4);
-        let texts = [1.0, -0.00001, 0.25, 1234.56789, -2.5, 100.0].map(|it| decimals.text(it));
+        let texts = [1.0, -0.00001, 0.25, 1234.56789, -2.5, 100.0].map(|it| text(it, 4));
         assert_eq!(texts, ["1", "0", "0.25", "1234.5679", "-2.5", "100"]);
-        assert_eq!(Decimals(0).text(100.0), "100");
+        assert_eq!(text(100.0, 0), "100");
     }
 }

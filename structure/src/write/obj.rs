@@ -1,11 +1,11 @@
 //! Wavefront OBJ with polygons, in the frame of the mesh.
 
-use std::io::Write;
 use std::path::Path;
 
 use linecarve_mesh::files::{WriteError, write_atomically};
+use nalgebra::Rotation3;
 
-use super::{Decimals, faces};
+use super::{faces, parts, texts};
 use crate::structure::Structure;
 
 /// Writes one group for each plane, of polygons with any number of corners. Polygons with holes are written as triangles, because OBJ
@@ -15,41 +15,29 @@ use crate::structure::Structure;
 /// # Errors
 /// When a file cannot be written.
 pub fn write_structure_obj(path: &Path, structure: &Structure) -> Result<(), WriteError> {
+    let parts = parts(structure);
     let library = path.with_extension("mtl");
     write_atomically(&library, |out| {
-        for (plane, _) in structure.by_plane() {
-            let color = structure.plane_color(plane).map(|it| f64::from(it) / 255.0);
-            let [r, g, b] = color;
-            writeln!(
-                out,
-                "newmtl {}\nKd {r:.4} {g:.4} {b:.4}",
-                structure.plane_name(plane)
-            )?;
+        for part in parts.iter().filter(|it| it.kind.is_some()) {
+            let [r, g, b] = part.color.map(|it| f64::from(it) / 255.0);
+            writeln!(out, "newmtl {}\nKd {r:.4} {g:.4} {b:.4}", part.name)?;
         }
         writeln!(out, "newmtl rest\nKd 0.6 0.6 0.6")
     })?;
     write_atomically(path, |out| {
-        let decimals = Decimals::of(structure);
         let name = library.file_name().unwrap_or_default();
         writeln!(out, "mtllib {}", name.display())?;
-        for position in &structure.positions {
-            writeln!(out, "v {}", decimals.join(position, " "))?;
+        for point in texts(structure, &Rotation3::identity()) {
+            writeln!(out, "v {}", point.join(" "))?;
         }
-        for (plane, polygons) in structure.by_plane() {
-            let name = structure.plane_name(plane);
-            writeln!(out, "g {name}\nusemtl {name}")?;
-            for face in polygons.iter().flat_map(faces) {
-                write_face(out, &face)?;
+        for part in &parts {
+            writeln!(out, "g {0}\nusemtl {0}", part.name)?;
+            for face in part.polygons.iter().flat_map(faces) {
+                write!(out, "f")?;
+                face.iter().try_for_each(|it| write!(out, " {}", it + 1))?;
+                writeln!(out)?;
             }
         }
-        writeln!(out, "g rest\nusemtl rest")?;
-        structure.rest.iter().try_for_each(|it| write_face(out, it))
+        Ok(())
     })
-}
-
-fn write_face(out: &mut dyn Write, face: &[u32]) -> std::io::Result<()> {
-    write!(out, "f")?;
-    face.iter()
-        .try_for_each(|vertex| write!(out, " {}", vertex + 1))?;
-    writeln!(out)
 }

@@ -1,12 +1,9 @@
 //! The floor plan as SVG, to scale.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
-use linecarve_mesh::files::{WriteError, write_atomically};
 use nalgebra::{Point2, Vector2};
 
-use crate::kind::Kind;
 use crate::plan::Plan;
 use crate::structure::Structure;
 
@@ -21,23 +18,15 @@ const STEP_MM: f64 = 8.0;
 /// Distances drawn in one direction at most.
 const MOST: usize = 4;
 
-/// Writes a plan: walls, what else is cut, openings with their widths, and distances between walls with standard deviations. One unit of
-/// the mesh is taken as a metre. Of a structure without a plan the file says so.
-///
-/// # Errors
-/// When the file cannot be written.
-pub fn write_svg(
-    path: &Path,
-    structure: &Structure,
-    plan: Option<&Plan>,
-) -> Result<(), WriteError> {
-    let text = match plan {
+/// A plan: walls, what else is cut, openings with their widths, and distances between walls with standard deviations. One unit of
+/// the mesh is taken as a metre. Of a structure without a plan the drawing says so.
+pub fn svg(structure: &Structure, plan: Option<&Plan>) -> String {
+    match plan {
         Some(plan) => Drawing::new(plan).draw(structure, plan),
         None => "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"80mm\" height=\"10mm\">\
                  <text x=\"5\" y=\"20\">no walls</text></svg>\n"
             .to_owned(),
-    };
-    write_atomically(path, |out| out.write_all(text.as_bytes()))
+    }
 }
 
 struct Drawing {
@@ -47,8 +36,8 @@ struct Drawing {
     scale: f64,
     ratio: f64,
     text: String,
-    rows: usize,
-    columns: usize,
+    /// Distances drawn below the section, and beside it.
+    counts: [usize; 2],
 }
 
 impl Drawing {
@@ -68,8 +57,7 @@ impl Drawing {
             scale: 1000.0 / ratio,
             ratio,
             text: String::new(),
-            rows: 0,
-            columns: 0,
+            counts: [0; 2],
         }
     }
 
@@ -102,15 +90,7 @@ impl Drawing {
         }
         for piece in &plan.walls {
             let kind = structure.planes[piece.plane as usize].kind;
-            let ends = piece.ends.map(|it| self.at(&it));
-            self.line(
-                ends,
-                if kind == Kind::Wall {
-                    "wall"
-                } else {
-                    "upright"
-                },
-            );
+            self.line(piece.ends.map(|it| self.at(&it)), kind.name());
         }
         for opening in &plan.openings {
             let [a, b] = opening.ends.map(|it| self.at(&it));
@@ -135,51 +115,49 @@ impl Drawing {
         };
         facing.sort_by(|a, b| area(b).total_cmp(&area(a)));
         for distance in facing {
-            let pieces = distance.planes.map(|plane| longest(plan, plane));
-            let [Some(one), Some(other)] = pieces else {
+            let [Some(one), Some(other)] = distance.planes.map(|plane| longest(plan, plane)) else {
                 continue;
             };
             let normal = upright * structure.planes[distance.planes[0] as usize].normal;
-            let [a, b] = [one, other].map(|it| it.map(|end| self.at(&end)));
-            let label = format!("{:.3} ± {}", distance.value, significant(distance.sigma));
-            if normal.x.abs() > 0.98 && self.rows < MOST {
-                let lowest = MARGIN_MM + self.scale * (self.high.y - self.low.y);
-                let y = lowest + STEP_MM * (self.rows as f64 + 1.0);
-                self.rows += 1;
-                self.dimension([[a[0][0], y], [b[0][0], y]], [lower(&a), lower(&b)], &label);
-            } else if normal.y.abs() > 0.98 && self.columns < MOST {
-                let rightmost = MARGIN_MM + self.scale * (self.high.x - self.low.x);
-                let x = rightmost + STEP_MM * (self.columns as f64 + 1.0);
-                self.columns += 1;
-                self.dimension(
-                    [[x, a[0][1]], [x, b[0][1]]],
-                    [righter(&a), righter(&b)],
-                    &label,
-                );
+            let axis = (0..2).find(|it| normal[*it].abs() > 0.98);
+            if let Some(axis) = axis.filter(|it| self.counts[*it] < MOST) {
+                let label = format!("{:.3} ± {}", distance.value, deviation_text(distance.sigma));
+                self.dimension(axis, [one, other], &label);
             }
         }
     }
 
-    fn dimension(&mut self, ends: [[f64; 2]; 2], from: [[f64; 2]; 2], label: &str) {
+    /// A distance along an axis between two pieces of walls.
+    fn dimension(&mut self, axis: usize, pieces: [[Point2<f64>; 2]; 2], label: &str) {
+        let across = 1 - axis;
+        self.counts[axis] += 1;
+        let size = self.scale * (self.high - self.low);
+        let far = MARGIN_MM + size[across] + STEP_MM * self.counts[axis] as f64;
+        let pieces = pieces.map(|ends| ends.map(|it| self.at(&it)));
+        let ends = pieces.map(|piece| {
+            let mut end = piece[0];
+            end[across] = far;
+            end
+        });
         self.line(ends, "dimension");
-        for (end, from) in ends.iter().zip(from) {
-            self.line([from, *end], "extension");
+        for (end, [a, b]) in ends.into_iter().zip(pieces) {
+            self.line(
+                [if a[across] > b[across] { a } else { b }, end],
+                "extension",
+            );
             self.line(
                 [[end[0] - 0.8, end[1] + 0.8], [end[0] + 0.8, end[1] - 0.8]],
                 "tick",
             );
         }
-        let is_level = (ends[1][0] - ends[0][0]).abs() > (ends[1][1] - ends[0][1]).abs();
-        let middle = [0, 1].map(|it| 0.5 * (ends[0][it] + ends[1][it]));
-        match is_level {
-            true => self.label([middle[0], middle[1] - 1.0], 0.0, label),
-            false => self.label([middle[0] - 1.0, middle[1]], -90.0, label),
-        }
+        let mut middle = [0, 1].map(|it| 0.5 * (ends[0][it] + ends[1][it]));
+        middle[across] -= 1.0;
+        self.label(middle, [0.0, -90.0][axis], label);
     }
 
     fn finish(mut self, plan: &Plan) -> String {
         let section = self.scale * (self.high - self.low);
-        let foot = MARGIN_MM + section.y + STEP_MM * (self.rows as f64 + 1.0) + 6.0;
+        let foot = MARGIN_MM + section.y + STEP_MM * (self.counts[0] as f64 + 1.0) + 6.0;
         // A scale bar of one, two or five units of some power of ten.
         let raw = section.x / self.scale / 4.0;
         let power = 10_f64.powf(raw.max(f64::MIN_POSITIVE).log10().floor());
@@ -206,7 +184,7 @@ impl Drawing {
             MARGIN_MM + length + 6.0,
             foot + 1.0
         );
-        let width = (2.0 * MARGIN_MM + section.x + STEP_MM * (self.columns as f64 + 1.0))
+        let width = (2.0 * MARGIN_MM + section.x + STEP_MM * (self.counts[1] as f64 + 1.0))
             .max(MARGIN_MM + length + 80.0);
         let height = foot + 9.0;
         let style = "line{stroke-linecap:round;stroke:#222}.wall{stroke-width:.7}.upright{stroke-width:.35}\
@@ -228,44 +206,21 @@ fn longest(plan: &Plan, plane: u32) -> Option<[Point2<f64>; 2]> {
         .iter()
         .filter(|it| it.plane == plane)
         .map(|it| it.ends);
-    own.reduce(|a, b| {
-        if (b[1] - b[0]).norm() > (a[1] - a[0]).norm() {
-            b
-        } else {
-            a
-        }
-    })
-}
-
-fn lower(ends: &[[f64; 2]; 2]) -> [f64; 2] {
-    if ends[0][1] > ends[1][1] {
-        ends[0]
-    } else {
-        ends[1]
-    }
-}
-
-fn righter(ends: &[[f64; 2]; 2]) -> [f64; 2] {
-    if ends[0][0] > ends[1][0] {
-        ends[0]
-    } else {
-        ends[1]
-    }
+    let length = |it: &[Point2<f64>; 2]| (it[1] - it[0]).norm();
+    own.rev().max_by(|a, b| length(a).total_cmp(&length(b)))
 }
 
 /// An angle at which text is not upside down: degrees.
 fn readable(degrees: f64) -> f64 {
-    if degrees > 90.0 {
-        degrees - 180.0
-    } else if degrees <= -90.0 {
-        degrees + 180.0
-    } else {
-        degrees
+    match degrees {
+        it if it > 90.0 => it - 180.0,
+        it if it <= -90.0 => it + 180.0,
+        it => it,
     }
 }
 
-/// Two significant digits, as far as they are behind the point; no more than six.
-fn significant(value: f64) -> String {
+/// A standard deviation as text: two significant digits, as far as they are behind the point; no more than six.
+pub fn deviation_text(value: f64) -> String {
     let digits = (1.0 - value.max(1e-6).log10().floor()).clamp(1.0, 6.0) as usize;
     format!("{value:.digits$}")
 }
