@@ -6,10 +6,13 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
-use linecarve::allocator;
+use linecarve::allocator::{self, Mappings};
 use linecarve::cli::Cli;
 use linecarve::commands::{self, Outcome};
 use linecarve::{error_text, process};
+
+#[global_allocator]
+static ALLOCATOR: Mappings = Mappings;
 
 fn main() -> ExitCode {
     // clap ends the process itself on bad usage, with status 2, and on --help and --version, with status 0.

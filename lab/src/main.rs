@@ -8,6 +8,9 @@ use std::process::ExitCode;
 use clap::Parser;
 use linecarve::commands::Outcome;
 
+#[global_allocator]
+static ALLOCATOR: linecarve::allocator::Mappings = linecarve::allocator::Mappings;
+
 fn main() -> ExitCode {
     // As the program does: what is measured here is measured of it.
     linecarve::allocator::set_up(false);
