@@ -9,6 +9,7 @@ pub mod feature_edges;
 pub mod files;
 mod holes;
 mod io;
+mod least_area;
 pub mod raycast;
 pub mod render;
 mod shape;

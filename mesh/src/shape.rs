@@ -26,7 +26,7 @@ pub enum ShapeKind {
 pub struct Shape {
     /// Points in file order, including those without elements.
     pub positions: Vec<Point3<f64>>,
-    /// Indices into `positions`, three per triangle. Polygons are triangulated as fans.
+    /// Indices into `positions`, three per triangle. Polygons are triangulated, convex ones as fans.
     pub triangles: Vec<[u32; 3]>,
     /// Indices into `positions`, two per line. Polylines are split.
     pub lines: Vec<[u32; 2]>,

@@ -5,16 +5,16 @@ use rustc_hash::FxHashSet;
 
 use super::loops::BoundaryEdge;
 use crate::TriangleMesh;
+use crate::least_area::LeastArea;
 
 /// Least cosine between the normals of a new triangle and of the old one across their edge: beyond a right angle it folds back.
 const LEAST_COSINE: f64 = 0.0;
 
-/// A triangulation of a loop, as corners of each span of it.
+/// A triangulation of a loop.
 pub(super) struct Triangulation {
     /// The vertices of the loop so that new triangles are counter-clockwise.
     corners: Vec<u32>,
-    /// For the span from corner `i` to `j`, at `i * n + j`: the corner between that completes its triangle.
-    middle: Vec<u32>,
+    triangulation: LeastArea,
 }
 
 impl Triangulation {
@@ -52,47 +52,24 @@ impl Triangulation {
             let is_side = j == i + 1 || (i == 0 && j + 1 == n);
             is_side || !edges.contains(&[a.min(b), a.max(b)])
         };
-        let mut cost = vec![0.0_f64; n * n];
-        let mut middle = vec![0_u32; n * n];
-        for span in 2..n {
-            for i in 0..n - span {
-                let j = i + span;
-                let mut best = (f64::INFINITY, 0);
-                if !is_free(i, j) {
-                    cost[i * n + j] = f64::INFINITY;
-                    continue;
-                }
-                for k in i + 1..j {
-                    let normal = (points[k] - points[i]).cross(&(points[j] - points[i]));
-                    let is_folded = (k == i + 1 && folds(i, &normal))
-                        || (j == k + 1 && folds(k, &normal))
-                        || (i == 0 && j + 1 == n && folds(j, &normal));
-                    let area = 0.5 * normal.norm();
-                    let whole = cost[i * n + k] + cost[k * n + j] + area;
-                    // False also for an area that is not a number.
-                    if !is_folded && area > 0.0 && whole < best.0 {
-                        best = (whole, k as u32);
-                    }
-                }
-                (cost[i * n + j], middle[i * n + j]) = best;
-            }
-        }
-        cost[n - 1].is_finite().then_some(Self { corners, middle })
+        let is_flat_on = |[i, k, j]: [usize; 3], normal: &Vector3<f64>| {
+            let is_folded = (k == i + 1 && folds(i, normal))
+                || (j == k + 1 && folds(k, normal))
+                || (i == 0 && j + 1 == n && folds(j, normal));
+            !is_folded
+        };
+        let triangulation = LeastArea::of(&points, is_free, is_flat_on)?;
+        Some(Self {
+            corners,
+            triangulation,
+        })
     }
 
     /// The triangles.
     pub(super) fn triangles(&self) -> Vec<[u32; 3]> {
-        let n = self.corners.len();
-        let mut triangles = Vec::with_capacity(n - 2);
-        let mut spans = vec![[0, n - 1]];
-        while let Some([i, j]) = spans.pop() {
-            if j < i + 2 {
-                continue;
-            }
-            let k = self.middle[i * n + j] as usize;
-            triangles.push([i, k, j].map(|at| self.corners[at]));
-            spans.extend([[i, k], [k, j]]);
-        }
+        let triangles = self.triangulation.triangles().into_iter();
         triangles
+            .map(|triangle| triangle.map(|at| self.corners[at]))
+            .collect()
     }
 }

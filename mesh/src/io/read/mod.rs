@@ -9,6 +9,7 @@ mod error;
 mod gltf;
 mod obj;
 mod ply;
+mod polygon;
 mod rows;
 mod stl;
 mod texture;
@@ -32,7 +33,7 @@ enum Format {
 
 /// Reads a mesh, a line set or a point cloud.
 ///
-/// Points keep the order of the file; colours become 8-bit sRGB. Polygons are triangulated as fans, polylines split
+/// Points keep the order of the file; colours become 8-bit sRGB. Polygons are triangulated, convex ones as fans, polylines split
 /// into lines. glTF is transformed to the frame that `extras.original_from_gltf` of its scene defines, if present.
 /// STL corners with equal coordinates are merged.
 ///

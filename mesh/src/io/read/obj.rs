@@ -7,6 +7,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
+use super::polygon;
 use super::texture::{Coordinates, decoded};
 use crate::files::read_regular;
 use crate::shape::Shape;
@@ -77,6 +78,8 @@ struct Parser {
     /// Indices into `coordinates` of each triangle, where it has them.
     places: Vec<[Option<usize>; 3]>,
     library: Option<String>,
+    /// Vertices and texture coordinates of the face that is read.
+    corners: Vec<(u32, Option<usize>)>,
     /// Materials of faces; a file with several has no texture.
     materials: Vec<String>,
 }
@@ -87,20 +90,31 @@ impl Parser {
         match words.next() {
             Some("v") => self.vertex(words)?,
             Some("f") => {
-                let mut corners = [0; 3];
-                let mut places = [None; 3];
-                for (corner, place) in corners.iter_mut().zip(&mut places) {
+                let mut corners = std::mem::take(&mut self.corners);
+                corners.clear();
+                for at in 0.. {
+                    // Of fewer than three the missing one is an error.
                     let word = words.next();
-                    (*corner, *place) = (self.corner(word)?, self.place(word));
+                    if at >= 3 && word.is_none() {
+                        break;
+                    }
+                    corners.push((self.corner(word)?, self.place(word)));
                 }
-                self.shape.triangles.push(corners);
-                self.places.push(places);
-                for word in words {
-                    corners = [corners[0], corners[2], self.corner(Some(word))?];
-                    places = [places[0], places[2], self.place(Some(word))];
-                    self.shape.triangles.push(corners);
-                    self.places.push(places);
+                let add = |triangle: [usize; 3]| {
+                    let [a, b, c] = triangle.map(|at| corners[at]);
+                    self.shape.triangles.push([a.0, b.0, c.0]);
+                    self.places.push([a.1, b.1, c.1]);
+                };
+                if corners.len() == 3 {
+                    std::iter::once([0, 1, 2]).for_each(add);
+                } else {
+                    let positions = &self.shape.positions;
+                    let place = |at: usize| polygon::position(positions, corners[at].0);
+                    polygon::triangles(corners.len(), place)
+                        .into_iter()
+                        .for_each(add);
                 }
+                self.corners = corners;
             }
             Some("l") => {
                 let (mut last, second) = (self.corner(words.next())?, self.corner(words.next())?);

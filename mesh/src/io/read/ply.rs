@@ -11,6 +11,7 @@ use serde::Deserialize;
 use serde::de::{Deserializer, Error as _, SeqAccess, Visitor};
 use serde_ply::{ElementDef, PlyFormat, PlyReader, PropertyType, ScalarType};
 
+use super::polygon;
 use crate::shape::Shape;
 
 /// Parses a file.
@@ -103,7 +104,7 @@ fn read_element<R: BufRead>(
                     );
                 };
                 corners
-                    .add_to(&mut shape.triangles)
+                    .add_to(&shape.positions, &mut shape.triangles)
                     .map_err(|message| format!("row {number}: {message}"))?;
             }
         }
@@ -239,23 +240,34 @@ struct Corners {
 }
 
 impl Corners {
-    /// Adds the triangle fan of the polygon.
-    fn add_to(&self, triangles: &mut Vec<[u32; 3]>) -> Result<(), String> {
+    /// Adds the triangles of the polygon.
+    fn add_to(
+        &self,
+        positions: &[Point3<f64>],
+        triangles: &mut Vec<[u32; 3]>,
+    ) -> Result<(), String> {
         if self.count < 3 {
             return Err(format!("a face of {} corners", self.count));
         }
         let vertex = |given: i64| index(given).ok_or_else(|| format!("index {given} of a corner"));
-        let [a, b, mut last] = [
-            vertex(self.first[0])?,
-            vertex(self.first[1])?,
-            vertex(self.first[2])?,
-        ];
-        triangles.push([a, b, last]);
-        for &corner in &self.rest {
-            let next = vertex(corner)?;
-            triangles.push([a, last, next]);
-            last = next;
+        let [a, b, c] = self.first.map(vertex);
+        let first = [a?, b?, c?];
+        if self.rest.is_empty() {
+            triangles.push(first);
+            return Ok(());
         }
+        let mut corners = first.to_vec();
+        for &given in &self.rest {
+            corners.push(vertex(given)?);
+        }
+        let of_face = polygon::triangles(corners.len(), |at| {
+            polygon::position(positions, corners[at])
+        });
+        triangles.extend(
+            of_face
+                .into_iter()
+                .map(|triangle| triangle.map(|at| corners[at])),
+        );
         Ok(())
     }
 }
