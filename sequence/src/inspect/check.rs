@@ -58,7 +58,9 @@ pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> 
 /// Says that depth belongs beside its pixels, as outlines of a few images show.
 fn misregistration(sequence: &Sequence) -> Result<Option<String>, FrameError> {
     let facts = registration::measure(sequence, 2 * PAIRS)?;
-    Ok(facts.and_then(|facts| facts.warning()))
+    let width = f64::from(sequence.color_size().width);
+    let far = facts.filter(|facts| facts.is_far(width));
+    Ok(far.and_then(|facts| facts.warning()))
 }
 
 /// What contradicts corners. Images beside each other are asked if those that are near by their poses do not match, as under wrong poses.

@@ -48,7 +48,17 @@ pub struct RegistrationFacts {
     pub best_shift_px: [f64; 2],
 }
 
+/// A scale and shift move pixels far if the sides of the image move by more than this share of its width: a depth camera beside the colour
+/// camera, or with a lens of its own.
+const FAR: f64 = 0.02;
+
 impl RegistrationFacts {
+    /// Whether the best scale and shift move pixels far.
+    pub(super) fn is_far(&self, width: f64) -> bool {
+        let [x, y] = self.best_shift_px;
+        x.hypot(y) + 0.5 * width * (self.best_scale - 1.0).abs() > FAR * width
+    }
+
     /// A warning if a scale or shift fits much better.
     pub(super) fn warning(&self) -> Option<String> {
         let is_moved =
