@@ -65,7 +65,7 @@ impl Finish {
 pub struct Split {
     /// Number of tiles; `None` for one for each million points.
     pub tiles: Option<usize>,
-    /// See [`PlanOptions::halo`].
+    /// See [`PlanOptions::halo`](linecarve_tiles::PlanOptions::halo).
     pub halo: u32,
     /// Keyframes of one task of the front end.
     pub keyframes_of_task: usize,
