@@ -16,6 +16,9 @@ const PAIRS: usize = 4;
 /// Frames on either side of a frame that may be its partner.
 const REACH: usize = 60;
 
+/// Most pixels of outlines that are compared with edges.
+const OUTLINE_PIXELS: usize = 1500;
+
 /// Largest rotation between the frames of a pair: with more, corners do not match and depth does not overlap.
 const MAX_ROTATION_DEG: f64 = 15.0;
 
@@ -57,7 +60,7 @@ pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> 
 
 /// Says that depth belongs beside its pixels, as outlines of a few images show.
 fn misregistration(sequence: &Sequence) -> Result<Option<String>, FrameError> {
-    let facts = registration::measure(sequence, 2 * PAIRS)?;
+    let facts = registration::measure(sequence, PAIRS, OUTLINE_PIXELS)?;
     let width = f64::from(sequence.color_size().width);
     let far = facts.filter(|facts| facts.is_far(width));
     Ok(far.and_then(|facts| facts.warning()))

@@ -99,7 +99,8 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
             depth.unmeasurable, depth.sampled
         )));
     }
-    facts.registration = registration::measure(sequence, options.registrations)?;
+    facts.registration =
+        registration::measure(sequence, options.registrations, registration::MAX_PIXELS)?;
     if let Some(warning) = facts
         .registration
         .as_ref()

@@ -22,7 +22,7 @@ const MAX_DISTANCE_PX: u8 = 8;
 const UNITS_PER_PX: u8 = 3;
 
 /// Upper bound of the number of compared pixels over all images.
-const MAX_PIXELS: usize = 6000;
+pub(super) const MAX_PIXELS: usize = 6000;
 
 /// Smallest number of pixels for a comparison.
 const MIN_PIXELS: usize = 200;
@@ -91,6 +91,7 @@ struct RegistrationPair {
 pub(super) fn measure(
     sequence: &Sequence,
     samples: usize,
+    most_pixels: usize,
 ) -> Result<Option<RegistrationFacts>, FrameError> {
     let Some(calibration) = sequence.depth_calibration() else {
         return Ok(None);
@@ -114,7 +115,7 @@ pub(super) fn measure(
     if total < MIN_PIXELS {
         return Ok(None);
     }
-    let step = total.div_ceil(MAX_PIXELS);
+    let step = total.div_ceil(most_pixels);
     for pair in &mut pairs {
         pair.discontinuities = pair.discontinuities.iter().copied().step_by(step).collect();
     }
