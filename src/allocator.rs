@@ -11,13 +11,13 @@
 /// Asks for huge pages for small blocks. Does nothing with other systems.
 ///
 /// Without them, each of the many places of a map that a keyframe reads costs an address translation of its own, the more the larger the
-/// map. For that the addresses of a large heap are taken at once. With `is_small` the heap grows as it is used: for a process with a limit
-/// of its addresses, whose heap would not count.
-pub fn set_up(is_small: bool) {
+/// map. For that the addresses of a large heap are taken at once. With `is_limited` the heap grows as it is used: the addresses of the
+/// process are limited, and those that are not used would count.
+pub fn set_up(is_limited: bool) {
     #[cfg(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64"))]
-    glibc::set_up(is_small);
+    glibc::set_up(is_limited);
     #[cfg(not(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64")))]
-    let _ = is_small;
+    let _ = is_limited;
 }
 
 #[cfg(all(target_os = "linux", target_env = "gnu", target_pointer_width = "64"))]
@@ -130,10 +130,10 @@ mod glibc {
         mapping.cast()
     }
 
-    pub(super) fn set_up(is_small: bool) {
+    pub(super) fn set_up(is_limited: bool) {
         // One heap for all threads, which is the one that is reserved, and keeps its addresses.
         set(libc::M_ARENA_MAX, 1);
-        if !is_small {
+        if !is_limited {
             set(libc::M_TRIM_THRESHOLD, i32::MAX);
             set(libc::M_TOP_PAD, RESERVED);
             ask_for_huge_pages();

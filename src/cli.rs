@@ -67,15 +67,12 @@ pub struct Cli {
 }
 
 impl Cli {
-    /// Whether the heap of the command grows with what it holds: most of that are large arrays, or the addresses of its process are limited.
-    pub fn has_small_heap(&self) -> bool {
-        match &self.command {
-            Command::Mesh(_) => true,
-            Command::Tiles(tiles) => {
-                matches!(&tiles.command, TilesCommand::Item(task) if task.memory_limit.is_some())
-            }
-            _ => false,
-        }
+    /// Whether the command limits the addresses of its own process.
+    pub fn has_limited_addresses(&self) -> bool {
+        let Command::Tiles(tiles) = &self.command else {
+            return false;
+        };
+        matches!(&tiles.command, TilesCommand::Item(task) if task.memory_limit.is_some())
     }
 }
 

@@ -17,7 +17,7 @@ static ALLOCATOR: Mappings = Mappings;
 fn main() -> ExitCode {
     // clap ends the process itself on bad usage, with status 2, and on --help and --version, with status 0.
     let cli = Cli::parse();
-    allocator::set_up(cli.has_small_heap());
+    allocator::set_up(cli.has_limited_addresses());
     process::set_up();
     match commands::run(&cli) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -239,8 +239,7 @@ const CALIBRATION_FOLDERS: [&str; 5] = [
 const TABLES: [&str; 12] = [
     ".txt", ".csv", ".json", ".yaml", ".yml", ".xml", ".npy", ".npz", ".pkl", ".mat", ".h5", ".pt",
 ];
-const POSE_WORDS: [&str; 7] = [
-    "pose",
+const POSE_WORDS: [&str; 6] = [
     "traj",
     "odom",
     "groundtruth",
@@ -295,7 +294,12 @@ fn role_of_file(lower: &str) -> Option<FileRole> {
         return Some(FileRole::Poses);
     }
     let stem = lower.split('.').next().unwrap_or_default();
-    if ends(&TABLES) && POSE_WORDS.iter().any(|word| stem.contains(word)) {
+    // Not "compose" or "purpose".
+    let words = stem.split(|c: char| !c.is_ascii_alphabetic());
+    let is_of_poses = words
+        .map(|word| word.trim_start_matches("camera"))
+        .any(|word| word.starts_with("pose"));
+    if ends(&TABLES) && (is_of_poses || POSE_WORDS.iter().any(|word| stem.contains(word))) {
         return Some(FileRole::Poses);
     }
     if ends(&[".npz"]) {

@@ -7,7 +7,7 @@ use linecarve_engine::run::CancelToken;
 use linecarve_engine::video::is_video;
 use linecarve_engine::{Reconstruction, Recording, RunOptions};
 use linecarve_mesh::{GltfFrame, Shape, read_geometry};
-use linecarve_structure::{StructureOptions, StructureSummary};
+use linecarve_structure::{StructureOptions, StructureSummary, measured_text};
 use nalgebra::{Point3, Vector3};
 
 use crate::cli::StructureArgs;
@@ -167,10 +167,8 @@ fn text(summary: &StructureSummary) -> String {
     }
     for distance in summary.distances.iter().filter(|it| it.facing) {
         let [one, other] = distance.planes.map(|it| &summary.planes[it as usize].name);
-        text += &format!(
-            "{one} to {other}: {:.4} ± {:.4}\n",
-            distance.value, distance.sigma
-        );
+        let value = measured_text(distance.value, distance.sigma);
+        text += &format!("{one} to {other}: {value}\n");
     }
     text
 }

@@ -4,8 +4,8 @@ use linecarve_carving::{Carver, Location};
 use linecarve_mesh::raycast::RayScene;
 use linecarve_mesh::{GltfFrame, TriangleMesh};
 use linecarve_structure::{
-    Plan, Structure, StructureOptions, StructureSummary, deviation_text, structure, svg, write_dxf,
-    write_ifc, write_json, write_structure_glb, write_structure_obj, write_usda,
+    Plan, Structure, StructureOptions, StructureSummary, deviation_text, measured_text, structure,
+    svg, write_dxf, write_ifc, write_json, write_structure_glb, write_structure_obj, write_usda,
 };
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -73,7 +73,7 @@ pub(crate) fn page_structure(summary: &StructureSummary, plan: String) -> PageSt
     let distances = summary.distances.iter().map(|it| {
         let [one, other] = names(it.planes);
         let facing = if it.facing { "yes" } else { "no" };
-        let value = format!("{:.3} ± {}", it.value, deviation_text(it.sigma));
+        let value = measured_text(it.value, it.sigma);
         vec![one, other, value, facing.to_owned()]
     });
     let edges = summary.edges.iter().map(|it| {

@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 use crate::plane::{Moments, Plane};
 use crate::surface::Surface;
 
-/// Triangles of a patch for the measurement of noise.
+/// Triangles of a patch for the measurement of noise. Tuned on the kitchen, the living room, the sample and the bare room.
 const PATCH: usize = 200;
 /// Patches for it, at most.
 const PATCHES: usize = 1000;

@@ -25,6 +25,6 @@ pub use measures::{Angle, Distance, Edge};
 pub use plan::{Opening, Piece, Plan};
 pub use structure::{Polygon, Structure, StructureOptions, StructurePlane};
 pub use write::{
-    StructureSummary, deviation_text, svg, write_dxf, write_ifc, write_json, write_structure_glb,
-    write_structure_obj, write_usda,
+    StructureSummary, deviation_text, measured_text, svg, write_dxf, write_ifc, write_json,
+    write_structure_glb, write_structure_obj, write_usda,
 };

@@ -326,7 +326,7 @@ fn files_hold_the_structure() {
     assert_eq!(text("a.usda").matches("def Mesh").count(), 7);
     let svg = svg(&found, plan.as_ref());
     assert!(
-        svg.contains("1 : 20,") && svg.contains(">0.800<") && svg.contains("3.000 ±"),
+        svg.contains("1 : 20,") && svg.contains(">0.800<") && svg.contains("3.000000 ± 0.00000"),
         "{svg}"
     );
 
@@ -338,4 +338,25 @@ fn files_hold_the_structure() {
     assert_eq!(json["distances"].as_array().unwrap().len(), 3);
     assert_eq!(json["edges"].as_array().unwrap().len(), 12);
     assert_eq!(json["planes"][0]["normal"].as_array().unwrap().len(), 3);
+}
+
+#[test]
+fn a_value_has_the_digits_of_its_deviation() {
+    let texts = [
+        (2.5, 0.12),
+        (2.5, 0.0019),
+        (3.8, 0.000017),
+        (3.8, 0.0),
+        (120.0, 7.0),
+    ];
+    assert_eq!(
+        texts.map(|(value, deviation)| measured_text(value, deviation)),
+        [
+            "2.50 ± 0.12",
+            "2.5000 ± 0.0019",
+            "3.800000 ± 0.000017",
+            "3.800000 ± 0.000000",
+            "120.0 ± 7.0"
+        ]
+    );
 }

@@ -1,7 +1,7 @@
 //! The questions that a run asks first: whether a few images contradict how the files are read.
 //!
 //! They are those of [`inspect`](super::inspect) on a few pairs of frames. Alternatives are only tried if the pairs do not agree as read,
-//! so that a sequence without faults costs the decoding of eight images.
+//! so that a sequence without faults costs the decoding of eight depth images, and of four frames whose outlines are compared with edges.
 
 use nalgebra::Isometry3;
 
@@ -35,7 +35,7 @@ pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> 
         return Ok(None);
     }
     let of_depth = pairs(sequence, |frame| sequence.frames()[frame].depth.is_some());
-    let unexplained = match consistency::verdict(sequence, &of_depth)? {
+    let found = match consistency::verdict(sequence, &of_depth)? {
         DepthVerdict::Contradicts(text) => return Ok(Some(with_poses_read(sequence, text))),
         DepthVerdict::PosesOrDepth { poses, depth } => {
             let fit = of_corners(sequence, |pairs| epipolar::fits(sequence, pairs))?;
@@ -47,18 +47,18 @@ pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> 
             return Ok(Some(with_poses_read(sequence, text)));
         }
         // Registered depth has the camera of the images.
-        DepthVerdict::Agrees if is_registered(sequence) => return misregistration(sequence),
-        DepthVerdict::Agrees | DepthVerdict::Unknown => None,
-        DepthVerdict::Unexplained(text) => Some(text),
+        DepthVerdict::Agrees if is_registered(sequence) => None,
+        DepthVerdict::Agrees | DepthVerdict::Unknown => contradiction_of_corners(sequence)?,
+        DepthVerdict::Unexplained(text) => contradiction_of_corners(sequence)?.or(Some(text)),
     };
-    let found = contradiction_of_corners(sequence)?.or(unexplained);
-    if found.is_none() && is_registered(sequence) {
-        return misregistration(sequence);
+    match found {
+        Some(text) => Ok(Some(with_poses_read(sequence, text))),
+        None if is_registered(sequence) => misregistration(sequence),
+        None => Ok(None),
     }
-    Ok(found.map(|text| with_poses_read(sequence, text)))
 }
 
-/// Says that depth belongs beside its pixels, as outlines of a few images show.
+/// Says that depth is moved against the images, as outlines of a few images show.
 fn misregistration(sequence: &Sequence) -> Result<Option<String>, FrameError> {
     let facts = registration::measure(sequence, PAIRS, OUTLINE_PIXELS)?;
     let width = f64::from(sequence.color_size().width);

@@ -213,13 +213,9 @@ pub(super) fn verdict(
     if is_compared && as_read.median_relative < EXACT {
         return Ok(DepthVerdict::Agrees);
     }
-    if is_compared && !is_good && has_one_pose(sequence) {
-        return Ok(DepthVerdict::Contradicts(format!(
-            "all {} poses are the same, but depth differs by {:.0} % from image to image: give the poses of a camera that moves, or \
-             none",
-            sequence.frames().len(),
-            100.0 * as_read.median_relative
-        )));
+    let differs = format!("depth differs by {:.0} %", 100.0 * as_read.median_relative);
+    if let Some(text) = one_pose(sequence, &differs).filter(|_| is_compared && !is_good) {
+        return Ok(DepthVerdict::Contradicts(text));
     }
     let mut others = others_of(measure, &first, alternatives(sequence, calibration));
     if !is_good {
@@ -260,14 +256,18 @@ fn agree_so(as_read: &DepthHypothesis, best: &DepthHypothesis) -> String {
     )
 }
 
-/// Whether all frames have the same pose.
-pub(super) fn has_one_pose(sequence: &Sequence) -> bool {
-    let mut poses = sequence
-        .frames()
-        .iter()
-        .map(|frame| frame.world_from_camera);
-    let first = poses.next();
-    poses.all(|pose| Some(pose) == first)
+/// Says that all frames have the same pose, while `what` from one to the next; `None` if they do not.
+pub(super) fn one_pose(sequence: &Sequence, what: &str) -> Option<String> {
+    let frames = sequence.frames();
+    let is_one = frames
+        .windows(2)
+        .all(|pair| pair[0].world_from_camera == pair[1].world_from_camera);
+    is_one.then(|| {
+        format!(
+            "all {} poses are the same, but {what} from one image to the next: give the poses of a camera that moves, or none",
+            frames.len()
+        )
+    })
 }
 
 /// The hypotheses of conventions beside that as read.

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::consistency::has_one_pose;
+use super::consistency::one_pose;
 use super::image_samples::{CornerPair, ImageSamples};
 use super::intrinsics_hypotheses::{FOCAL_STEP, description, focal_hypotheses, refined, section};
 use super::pose_hypotheses::{PoseHypothesis, axes_hypotheses, pose_hypotheses, simplest_of_best};
@@ -134,19 +134,20 @@ pub(super) fn contradiction(
 fn contradiction_of(sequence: &Sequence, facts: &EpipolarFacts) -> Option<String> {
     // What does not fit either proves no other convention: the poses are inaccurate.
     let share = |median_px: f64| median_px / facts.width as f64;
-    match facts.better().filter(|best| share(best.median_px) < BAD) {
-        Some(best) => Some(facts.said_of(best)),
-        None if has_one_pose(sequence) && share(facts.as_read.median_px) > BAD => Some(format!(
-            "all {} poses are the same, but the images move by {:.1} px: give the poses of a camera that moves, or none",
-            sequence.frames().len(),
-            facts.as_read.median_px
-        )),
-        None if share(facts.as_read.median_px) > UNUSABLE => Some(format!(
-            "{}, and no other pose convention or focal length explains it: check that poses and intrinsics belong to these images",
-            facts.poor()
-        )),
-        None => None,
+    if let Some(best) = facts.better().filter(|best| share(best.median_px) < BAD) {
+        return Some(facts.said_of(best));
     }
+    let off = facts.as_read.median_px;
+    let moves = format!("corners move by {off:.1} px");
+    let one_pose = one_pose(sequence, &moves).filter(|_| share(off) > BAD);
+    one_pose.or_else(|| {
+        (share(off) > UNUSABLE).then(|| {
+            format!(
+                "{}, and no other pose convention or focal length explains it: check that poses and intrinsics belong to these images",
+                facts.poor()
+            )
+        })
+    })
 }
 
 /// Whether matched corners fit the poses as read; `None` if there are too few matches.

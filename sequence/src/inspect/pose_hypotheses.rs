@@ -3,8 +3,7 @@
 use nalgebra::Isometry3;
 
 use super::super::camera_axes::CameraAxes;
-use super::super::pose_convention::PoseCamera;
-use super::super::pose_convention::{PoseConvention, PoseDirection, QuaternionOrder};
+use super::super::pose_convention::{PoseCamera, PoseConvention, PoseDirection, QuaternionOrder};
 use crate::Sequence;
 
 /// Description of the convention as read.
@@ -22,7 +21,7 @@ pub(super) struct PoseHypothesis {
     convention: PoseConvention,
     /// The pose of a frame is that of the frame so many further.
     pub(super) offset: isize,
-    /// Whether axes point elsewhere than those of a camera, whichever way y and z go together.
+    /// Whether the axes are neither those read nor those of OpenGL.
     pub(super) is_turned: bool,
 }
 

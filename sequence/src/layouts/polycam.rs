@@ -179,7 +179,6 @@ fn read(
             camera: Some(cameras.add(file.camera(&path)?)),
         });
     }
-    let left_out = others_left_out(root, camera_folder, total);
     if frames.is_empty() {
         return Err(SequenceError::UnusablePoses {
             path: images,
@@ -199,7 +198,7 @@ fn read(
     let mut recording = Recording::new(frames, calibration);
     recording.has_time = has_time;
     let warnings = &mut recording.warnings;
-    warnings.extend(left_out);
+    warnings.extend(others_left_out(root, camera_folder, total));
     warnings.extend(missing.into_warning(total, "images have no camera file and were skipped"));
     warnings.extend(invalid.into_warning(
         total,

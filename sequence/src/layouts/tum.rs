@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use linecarve_lines::camera::{Camera, CameraError, Distortion};
+
 use super::super::calibration::{CalibratedCamera, Calibration, ImageSize};
 use super::super::layout::{Folder, Layout, PoseSource, RecordedFrame, Recording};
 use super::super::poses::{PoseFileFormat, attach, read_stamped_quaternions, sort_and_dedup};
@@ -9,7 +11,6 @@ use super::super::text::{TextFile, parse_number, parse_stamp_ns, shorten};
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, Warning, associate};
 use super::orb_trajectory::orb_trajectory;
-use linecarve_lines::camera::{Camera, CameraError, Distortion};
 
 /// Reader of TUM RGB-D.
 pub(in super::super) struct TumRgbd;

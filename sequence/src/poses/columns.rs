@@ -267,13 +267,12 @@ fn by_head(file: &TextFile, rows: &[TextLine]) -> Option<Columns> {
                 "timestamp_ns",
             ])
         })
-        .or_else(|| names.iter().position(|name| name.starts_with("time")))
-        .or_else(|| find(&["frame", "frame_id", "image_id", "index", "id"]));
-    let is_text = parse_number(fields(rows.first()?).first()?).is_none();
+        .or_else(|| names.iter().position(|name| name.starts_with("time")));
+    let is_named = parse_number(fields(rows.first()?).first()?).is_none();
     let key = match stamp {
         Some(stamp) => Key::Stamp(stamp),
-        None if is_text => Key::Name,
-        None => return None,
+        None if is_named => Key::Name,
+        None => Key::Stamp(find(&["frame", "frame_id", "image_id", "index", "id"])?),
     };
     let [x, y, z, qx, qy, qz, qw] = found;
     Some(Columns {

@@ -14,7 +14,7 @@ pub use glb::write_structure_glb;
 pub use ifc::write_ifc;
 pub use json::{StructureSummary, write_json};
 pub use obj::write_structure_obj;
-pub use svg::{deviation_text, svg};
+pub use svg::{deviation_text, measured_text, svg};
 pub use usda::write_usda;
 
 use std::borrow::Cow;

@@ -121,7 +121,7 @@ impl Drawing {
             let normal = upright * structure.planes[distance.planes[0] as usize].normal;
             let axis = (0..2).find(|it| normal[*it].abs() > 0.98);
             if let Some(axis) = axis.filter(|it| self.counts[*it] < MOST) {
-                let label = format!("{:.3} ± {}", distance.value, deviation_text(distance.sigma));
+                let label = measured_text(distance.value, distance.sigma);
                 self.dimension(axis, [one, other], &label);
             }
         }
@@ -221,6 +221,16 @@ fn readable(degrees: f64) -> f64 {
 
 /// A standard deviation as text: two significant digits, as far as they are behind the point; no more than six.
 pub fn deviation_text(value: f64) -> String {
-    let digits = (1.0 - value.max(1e-6).log10().floor()).clamp(1.0, 6.0) as usize;
-    format!("{value:.digits$}")
+    format!("{value:.*}", digits(value))
+}
+
+/// A value and its standard deviation as text, with the same number of digits behind the point.
+pub fn measured_text(value: f64, deviation: f64) -> String {
+    let digits = digits(deviation);
+    format!("{value:.digits$} ± {deviation:.digits$}")
+}
+
+/// Digits behind the point of a standard deviation.
+fn digits(deviation: f64) -> usize {
+    (1.0 - deviation.max(1e-6).log10().floor()).clamp(1.0, 6.0) as usize
 }

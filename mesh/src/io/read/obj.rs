@@ -92,12 +92,9 @@ impl Parser {
             Some("f") => {
                 let mut corners = std::mem::take(&mut self.corners);
                 corners.clear();
-                for at in 0.. {
-                    // Of fewer than three the missing one is an error.
-                    let word = words.next();
-                    if at >= 3 && word.is_none() {
-                        break;
-                    }
+                // Of fewer than three corners the missing one is an error.
+                let first = [words.next(), words.next(), words.next()];
+                for word in first.into_iter().chain(words.map(Some)) {
                     corners.push((self.corner(word)?, self.place(word)));
                 }
                 let add = |triangle: [usize; 3]| {
