@@ -46,6 +46,9 @@ pub struct RegistrationFacts {
     pub best_scale: f64,
     /// Best shift in x and y.
     pub best_shift_px: [f64; 2],
+    /// Whether the best scale and shift of each half of the images also fits the other half much better than as read. The few outlines of
+    /// a bare room lie nearer other edges by chance, in other places of each image.
+    pub is_confirmed: bool,
 }
 
 /// A scale and shift move pixels far if the sides of the image move by more than this share of its width: a depth camera beside the colour
@@ -63,7 +66,8 @@ impl RegistrationFacts {
     pub(super) fn warning(&self) -> Option<String> {
         let is_moved =
             self.best_scale != 1.0 || self.best_shift_px.iter().any(|shift| shift.abs() > 2.0);
-        (is_moved && self.best_distance_px < CLEARLY_BETTER * self.mean_distance_px).then(|| {
+        let is_better = self.best_distance_px < CLEARLY_BETTER * self.mean_distance_px;
+        (is_moved && is_better && self.is_confirmed).then(|| {
             format!(
                 "depth discontinuities lie {:.1} px from colour edges, but {:.1} px when scaled by {:.2} and shifted by \
                  ({:.0}, {:.0}) px: depth is probably not registered to colour; give the depth camera in a [depth] section \
@@ -120,74 +124,124 @@ pub(super) fn measure(
         pair.discontinuities = pair.discontinuities.iter().copied().step_by(step).collect();
     }
     let center = Point2::new(sequence.color_camera().cx(), sequence.color_camera().cy());
-    let as_read = mean_distance(&pairs, &center, 1.0, [0.0, 0.0]);
-    // Coarse search over shifts and focal length ratios, then single pixels around the best.
-    let shifts = |middle: f64, reach: i32, step: i32| {
-        (-reach..=reach).map(move |i| middle + f64::from(i * step))
+    let search = Search {
+        pairs: &pairs,
+        center,
     };
-    let coarse = (-8..=8).flat_map(|scale| {
-        let scale = 1.0 + 0.02 * f64::from(scale);
-        shifts(0.0, 8, 3).flat_map(move |x| shifts(0.0, 8, 3).map(move |y| (scale, [x, y])))
-    });
-    let (_, scale, [x, y]) = best(&pairs, &center, coarse, as_read);
-    let fine = (-1..=1).flat_map(|step| {
-        let scale = scale + 0.01 * f64::from(step);
-        shifts(x, 2, 1).flat_map(move |x| shifts(y, 2, 1).map(move |y| (scale, [x, y])))
-    });
-    let (best_distance_px, best_scale, best_shift_px) = best(&pairs, &center, fine, as_read);
+    let as_read = search.mean_distances(1.0, [0.0, 0.0]);
+    let best = search.best(&as_read);
+    let [all, halves @ ..] = &best;
+    // Each half with what the other half found.
+    let is_confirmed = [(1, &halves[1]), (2, &halves[0])]
+        .into_iter()
+        .all(|(half, found)| found.mean_distances[half] < CLEARLY_BETTER * as_read[half]);
     Ok(Some(RegistrationFacts {
         frames: pairs.len(),
         pixels: pairs.iter().map(|pair| pair.discontinuities.len()).sum(),
-        mean_distance_px: as_read,
-        best_distance_px,
-        best_scale,
-        best_shift_px,
+        mean_distance_px: as_read[ALL],
+        best_distance_px: all.mean_distances[ALL],
+        best_scale: all.scale,
+        best_shift_px: all.shift,
+        is_confirmed,
     }))
 }
 
-/// The scale and shift with the smallest mean distance, the first of equal ones; identity if none improves `as_read`.
-fn best(
-    pairs: &[RegistrationPair],
-    center: &Point2<f64>,
-    candidates: impl Iterator<Item = (f64, [f64; 2])>,
-    as_read: f64,
-) -> (f64, f64, [f64; 2]) {
-    let candidates: Vec<_> = candidates.collect();
-    let distances: Vec<f64> = candidates
-        .par_iter()
-        .map(|(scale, shift)| mean_distance(pairs, center, *scale, *shift))
-        .collect();
-    let mut found = (as_read, 1.0, [0.0, 0.0]);
-    for ((scale, shift), distance) in candidates.into_iter().zip(distances) {
-        if distance < found.0 {
-            found = (distance, scale, shift);
+/// Mean distances over all images, over every other image from the first on, and over those between; not a number over no pixel.
+type MeanDistances = [f64; 3];
+
+/// Index of the mean over all images.
+const ALL: usize = 0;
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Candidate {
+    scale: f64,
+    shift: [f64; 2],
+    mean_distances: MeanDistances,
+}
+
+struct Search<'a> {
+    pairs: &'a [RegistrationPair],
+    center: Point2<f64>,
+}
+
+impl Search<'_> {
+    /// The scale and shift with the smallest mean distance over all images and over each half, the first of equal ones; identity if none
+    /// improves `as_read`. A coarse search over shifts and ratios of focal lengths, then single pixels around the best.
+    fn best(&self, as_read: &MeanDistances) -> [Candidate; 3] {
+        let around = |middle: f64, reach: i32, step: i32| {
+            (-reach..=reach).map(move |i| middle + f64::from(i * step))
+        };
+        let coarse = (-8..=8).flat_map(|scale| {
+            let scale = 1.0 + 0.02 * f64::from(scale);
+            around(0.0, 8, 3).flat_map(move |x| around(0.0, 8, 3).map(move |y| (scale, [x, y])))
+        });
+        let coarse = self.candidates(coarse.collect());
+        let identity = Candidate {
+            scale: 1.0,
+            shift: [0.0, 0.0],
+            mean_distances: *as_read,
+        };
+        [0, 1, 2].map(|of| {
+            let Candidate {
+                scale,
+                shift: [x, y],
+                ..
+            } = least(&coarse, identity, of);
+            let fine = (-1..=1).flat_map(|step| {
+                let scale = scale + 0.01 * f64::from(step);
+                around(x, 2, 1).flat_map(move |x| around(y, 2, 1).map(move |y| (scale, [x, y])))
+            });
+            least(&self.candidates(fine.collect()), identity, of)
+        })
+    }
+
+    fn candidates(&self, moves: Vec<(f64, [f64; 2])>) -> Vec<Candidate> {
+        let candidate = |(scale, shift)| Candidate {
+            scale,
+            shift,
+            mean_distances: self.mean_distances(scale, shift),
+        };
+        moves.into_par_iter().map(candidate).collect()
+    }
+
+    fn mean_distances(&self, scale: f64, shift: [f64; 2]) -> MeanDistances {
+        let mut halves = [(0_u64, 0_u64); 2];
+        for (at, pair) in self.pairs.iter().enumerate() {
+            let (sum, count) = &mut halves[at % 2];
+            *sum += pair.distance(&self.center, scale, shift);
+            *count += pair.discontinuities.len() as u64;
+        }
+        let [even, odd] = halves;
+        [(even.0 + odd.0, even.1 + odd.1), even, odd]
+            .map(|(sum, count)| sum as f64 / (count as f64 * f64::from(UNITS_PER_PX)))
+    }
+}
+
+/// The candidate with the smallest of these mean distances that is below that of the identity.
+fn least(candidates: &[Candidate], identity: Candidate, of: usize) -> Candidate {
+    let mut found = identity;
+    for candidate in candidates {
+        if candidate.mean_distances[of] < found.mean_distances[of] {
+            found = *candidate;
         }
     }
     found
 }
 
-fn mean_distance(
-    pairs: &[RegistrationPair],
-    center: &Point2<f64>,
-    scale: f64,
-    shift: [f64; 2],
-) -> f64 {
-    let (mut sum, mut count) = (0_u64, 0_u64);
-    for pair in pairs {
-        for discontinuity in &pair.discontinuities {
+impl RegistrationPair {
+    /// Sum of the distances of all discontinuities, in units.
+    fn distance(&self, center: &Point2<f64>, scale: f64, shift: [f64; 2]) -> u64 {
+        let of = |discontinuity: &Point2<f64>| {
             let x = (center.x + scale * (discontinuity.x - center.x) + shift[0]).round();
             let y = (center.y + scale * (discontinuity.y - center.y) + shift[1]).round();
-            let is_inside = x >= 0.0 && y >= 0.0 && x < pair.width as f64 && y < pair.height as f64;
-            let distance = if is_inside {
-                pair.distances[y as usize * pair.width + x as usize]
+            if x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64 {
+                u64::from(self.distances[y as usize * self.width + x as usize])
             } else {
-                MAX_DISTANCE_PX * UNITS_PER_PX
-            };
-            sum += u64::from(distance);
-            count += 1;
-        }
+                u64::from(MAX_DISTANCE_PX * UNITS_PER_PX)
+            }
+        };
+        self.discontinuities.iter().map(of).sum()
     }
-    sum as f64 / (count.max(1) as f64 * f64::from(UNITS_PER_PX))
 }
 
 fn pair(
@@ -312,28 +366,42 @@ mod tests {
         assert!(discontinuities(&wide).is_empty());
     }
 
-    #[test]
-    fn a_shift_is_found() {
+    /// An image of edges that lie (-4, 3) px beside the discontinuities.
+    fn moved(columns: i32) -> RegistrationPair {
         let (width, height) = (60, 40);
         let mut distances = vec![24; width * height];
         let discontinuities: Vec<_> = (5..35)
-            .map(|i| Point2::new(f64::from(i + 7 * (i % 3)), f64::from(i)))
+            .map(|i| Point2::new(f64::from(i + columns * (i % 3)), f64::from(i)))
             .collect();
         for discontinuity in &discontinuities {
             distances[(discontinuity.y as usize + 3) * width + discontinuity.x as usize - 4] = 0;
         }
         chamfer_distance_transform(&mut distances, width, height);
-        let pairs = [RegistrationPair {
+        RegistrationPair {
             discontinuities,
             width,
             height,
             distances,
-        }];
-        let center = Point2::new(29.5, 19.5);
-        let as_read = mean_distance(&pairs, &center, 1.0, [0.0, 0.0]);
-        let candidates =
-            (-6..=6).flat_map(|x| (-6..=6).map(move |y| (1.0, [f64::from(x), f64::from(y)])));
-        let found = best(&pairs, &center, candidates, as_read);
-        assert_eq!(found, (0.0, 1.0, [-4.0, 3.0]));
+        }
+    }
+
+    #[test]
+    fn a_shift_is_found_and_confirmed_by_each_half() {
+        let pairs = [moved(7), moved(5)];
+        let search = Search {
+            pairs: &pairs,
+            center: Point2::new(29.5, 19.5),
+        };
+        let as_read = search.mean_distances(1.0, [0.0, 0.0]);
+        assert!(as_read.iter().all(|mean| *mean > 1.0), "{as_read:?}");
+        for found in search.best(&as_read) {
+            assert_eq!((found.scale, found.shift), (1.0, [-4.0, 3.0]));
+            assert_eq!(found.mean_distances, [0.0; 3]);
+        }
+        let one = Search {
+            pairs: &pairs[..1],
+            ..search
+        };
+        assert!(one.mean_distances(1.0, [0.0, 0.0])[2].is_nan());
     }
 }
