@@ -294,6 +294,27 @@ fn poses_that_are_not_read_stop_the_run_before_tracking() {
 }
 
 #[test]
+fn depth_that_is_moved_against_the_images_stops_a_run_before_tracking() {
+    let room = Room::new(10);
+    let folder = tempfile::tempdir().unwrap();
+    let moved = Writing {
+        moved_depth: 12,
+        ..RIGHT
+    };
+    let path = folder.path().join("recording");
+    write_tum(&room, &moved, &path);
+    std::fs::remove_file(path.join("groundtruth.txt")).unwrap();
+    let out = folder.path().join("out");
+    for command in ["track", "reconstruct"] {
+        let said = stderr(&expect_status(
+            2,
+            [command, text(&path), "--out", text(&out)],
+        ));
+        assert!(said.contains("not registered to colour"), "{said}");
+    }
+}
+
+#[test]
 fn numbered_poses_that_count_from_another_number_are_joined_in_order() {
     let room = Room::new(24);
     let folder = tempfile::tempdir().unwrap();

@@ -25,14 +25,15 @@ const MAX_ROTATION_DEG: f64 = 15.0;
 /// Largest distance between the frames of a pair, as a share of the extent of the path.
 const MAX_DISTANCE: f64 = 0.15;
 
-/// What in the files of a sequence with poses contradicts its images, with the remedy: a depth scale, a pose convention or intrinsics that
-/// fit much better than those read. `None` if a few pairs of frames agree, or do not tell.
+/// What in the files of a sequence contradicts its images, with the remedy: a depth scale, a pose convention or intrinsics that fit much
+/// better than those read, or depth that is moved against the images. `None` if a few frames agree, or do not tell. Without poses only
+/// outlines are compared.
 ///
 /// # Errors
 /// If an image makes the whole sequence unusable (image size, depth format).
 pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> {
     if !sequence.has_poses() {
-        return Ok(None);
+        return misregistration(sequence);
     }
     let of_depth = pairs(sequence, |frame| sequence.frames()[frame].depth.is_some());
     let found = match consistency::verdict(sequence, &of_depth)? {
@@ -53,13 +54,15 @@ pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> 
     };
     match found {
         Some(text) => Ok(Some(with_poses_read(sequence, text))),
-        None if is_registered(sequence) => misregistration(sequence),
-        None => Ok(None),
+        None => misregistration(sequence),
     }
 }
 
-/// Says that depth is moved against the images, as outlines of a few images show.
+/// Says that registered depth is moved against the images, as outlines of a few images show.
 fn misregistration(sequence: &Sequence) -> Result<Option<String>, FrameError> {
+    if !is_registered(sequence) {
+        return Ok(None);
+    }
     let facts = registration::measure(sequence, PAIRS, OUTLINE_PIXELS)?;
     let width = f64::from(sequence.color_size().width);
     let far = facts.filter(|facts| facts.is_far(width));
