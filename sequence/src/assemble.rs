@@ -361,6 +361,6 @@ fn describe_confidence(confidence: &ConfidenceImages) -> String {
         ConfidenceImages::Values { folder, .. } => {
             format!("confidence: {}, values, taken in ranks", folder.display())
         }
-        ConfidenceImages::Array => "confidence: conf.npy, values, taken in ranks".to_owned(),
+        ConfidenceImages::Array(name) => format!("confidence: {name}, values, taken in ranks"),
     }
 }

@@ -130,8 +130,8 @@ pub(super) enum ConfidenceImages {
         folder: PathBuf,
         extension: &'static str,
     },
-    /// Values without classes in the array `conf.npy`, which lies beside `depth.npy`.
-    Array,
+    /// Values without classes in the array of this name, which lies beside `depth.npy`.
+    Array(String),
 }
 
 impl ConfidenceImages {
@@ -146,13 +146,17 @@ impl ConfidenceImages {
 
     /// The image of a depth image, if there is one.
     pub(super) fn of_depth(&self, depth: &Path) -> Option<PathBuf> {
-        let (Self::Classes { folder, extension } | Self::Values { folder, extension }) = self
-        else {
-            let replaced = depth.components().map(|part| match part.as_os_str() {
-                name if name == "depth.npy" => "conf.npy".as_ref(),
-                name => name,
-            });
-            return Some(replaced.collect());
+        let (folder, extension) = match self {
+            Self::Classes { folder, extension } | Self::Values { folder, extension } => {
+                (folder, extension)
+            }
+            Self::Array(array) => {
+                let replaced = depth.components().map(|part| match part.as_os_str() {
+                    name if name == "depth.npy" => array.as_ref(),
+                    name => name,
+                });
+                return Some(replaced.collect());
+            }
         };
         let mut name = depth.file_stem()?.to_owned();
         name.push(".");

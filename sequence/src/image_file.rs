@@ -139,10 +139,12 @@ pub(super) fn decode_bytes(bytes: &[u8]) -> Result<DynamicImage, String> {
     Ok(image)
 }
 
-/// Size of an array of rows, columns and three 8-bit channels.
+/// Size of an array of rows, columns and three 8-bit channels, or of three channels of rows and columns from 0 to 1.
 fn npy_color_size(header: &NpyHeader) -> Result<ImageSize, String> {
     match (&header.shape[..], header.npy_type()) {
-        (&[height, width, 3], Some(NpyType::U8)) => size(width, height),
+        (&[height, width, 3], Some(NpyType::U8)) | (&[3, height, width], Some(NpyType::F32)) => {
+            size(width, height)
+        }
         (shape, _) => Err(format!(
             "an array of shape {shape:?} and type {}, not of rows, columns and three channels of type uint8",
             header.descr
@@ -156,9 +158,23 @@ fn npy_color(bytes: &[u8]) -> Result<DynamicImage, String> {
     if header.is_fortran {
         return Err("columns one after the other: save numpy.ascontiguousarray(image)".to_owned());
     }
-    let samples = header.values(bytes, |[value]| value);
+    let samples = match header.npy_type() {
+        Some(NpyType::F32) => {
+            let to_byte = |value| (255.0 * f32::from_le_bytes(value)).round() as u8;
+            interleaved(&header.values(bytes, to_byte))
+        }
+        _ => header.values(bytes, |[value]| value),
+    };
     let image = image::RgbImage::from_raw(size.width, size.height, samples);
     Ok(image.ok_or("the array is truncated")?.into())
+}
+
+/// The three samples of each pixel one after the other, of channels one after the other.
+fn interleaved(channels: &[u8]) -> Vec<u8> {
+    let pixels = channels.len() / 3;
+    (0..3 * pixels)
+        .map(|at| channels[at % 3 * pixels + at / 3])
+        .collect()
 }
 
 /// Whether an end-of-image marker follows the last start-of-scan marker. In scan data 0xFF is always followed by 0 or a

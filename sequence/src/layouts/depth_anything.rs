@@ -3,6 +3,8 @@
 //! With the format `npz` the images lie in the archive, too, at the size of depth (`image`). With `mini_npz` they lie beside it, at any
 //! size, and are taken in the order of their names. The streaming program writes one archive for each image instead:
 //! `results_output/frame_N.npz`, with `camera_poses.txt` and `intrinsic.txt`.
+//!
+//! `predictions.npz` of VGGT holds the same under other names.
 
 mod streamed;
 
@@ -21,13 +23,33 @@ use super::super::{SequenceError, container, rigid};
 use super::frame_cameras::{FrameCameras, pinhole};
 use super::images;
 
-/// Reader of Depth Anything 3.
+/// Reader of Depth Anything 3 and VGGT.
 pub(in super::super) struct DepthAnything;
 
-/// Array with the confidence of each depth.
-const CONFIDENCE: &str = "conf";
+/// How a model names its arrays. Depth is `depth` with both.
+struct ArrayNames {
+    confidence: &'static str,
+    extrinsics: &'static str,
+    intrinsics: &'static str,
+    /// The images at the size of depth.
+    images: &'static str,
+}
 
-const RESULTS: &str = "results.npz";
+const OF_DEPTH_ANYTHING: ArrayNames = ArrayNames {
+    confidence: "conf",
+    extrinsics: "extrinsics",
+    intrinsics: "intrinsics",
+    images: "image",
+};
+
+const OF_VGGT: ArrayNames = ArrayNames {
+    confidence: "depth_conf",
+    extrinsics: "extrinsic",
+    intrinsics: "intrinsic",
+    images: "images",
+};
+
+const RESULTS: [&str; 2] = ["results.npz", "predictions.npz"];
 const EXPORTS: &str = "exports";
 
 /// Folders of the images that the model got, beside its results.
@@ -39,7 +61,7 @@ impl Layout for DepthAnything {
     }
 
     fn expected_files(&self) -> &'static str {
-        "results.npz, in the folder or in exports/, or results_output/frame_N.npz"
+        "results.npz, in the folder or in exports/, results_output/frame_N.npz, or predictions.npz of VGGT"
     }
 
     fn recognises(&self, folder: &Folder) -> bool {
@@ -52,16 +74,20 @@ impl Layout for DepthAnything {
 
     fn read(&self, folder: &Folder, source: PoseSource) -> Result<Recording, SequenceError> {
         if let Some(results) = results_of(folder) {
-            folder.claim(RESULTS);
+            for name in RESULTS {
+                folder.claim(name);
+            }
             folder.claim(EXPORTS);
-            return read(folder, &results, source);
+            let names = array_names(&results).unwrap_or(&OF_DEPTH_ANYTHING);
+            return read(folder, &results, names, source);
         }
         match streamed::root_of(folder) {
             Some(root) => streamed::read(folder, &root, source),
             None => Err(SequenceError::Content {
                 path: folder.path().to_owned(),
                 problem: format!(
-                    "has no {RESULTS} of Depth Anything 3: export with the format npz, and give that folder or file"
+                    "has no {} of Depth Anything 3: export with the format npz, and give that folder or file",
+                    RESULTS[0]
                 ),
             }),
         }
@@ -75,21 +101,22 @@ fn results_of(folder: &Folder) -> Option<PathBuf> {
             .recognises_file(name)
             .then(|| folder.path().join(name));
     }
-    let own = folder.path().join(RESULTS);
+    let own = RESULTS.map(|name| folder.path().join(name));
     let exports = Folder::list(&folder.path().join(EXPORTS));
     let names = exports.iter().flat_map(|exports| exports.names());
-    let exported = names.map(|name| folder.path().join(EXPORTS).join(name).join(RESULTS));
-    std::iter::once(own)
+    let exported = names.map(|name| folder.path().join(EXPORTS).join(name).join(RESULTS[0]));
+    own.into_iter()
         .chain(exported)
-        .find(|path| has_results(path))
+        .find(|path| array_names(path).is_some())
 }
 
-/// Whether a file is an archive with the arrays of the model. Other programs name theirs alike.
-fn has_results(path: &Path) -> bool {
-    let names = container::names(path).unwrap_or_default();
-    ["depth.npy", "intrinsics.npy"]
-        .iter()
-        .all(|name| names.iter().any(|member| member == name))
+/// The names in an archive with the arrays of a model; `None` for another file. Other programs name theirs alike.
+fn array_names(path: &Path) -> Option<&'static ArrayNames> {
+    let members = container::names(path).ok()?;
+    let has = |name: &str| members.contains(&format!("{name}.npy"));
+    [&OF_DEPTH_ANYTHING, &OF_VGGT]
+        .into_iter()
+        .find(|names| has("depth") && has(names.intrinsics))
 }
 
 /// Where an array of an archive lies.
@@ -107,7 +134,12 @@ fn values(archive: &Path, name: &str) -> Result<(Vec<u64>, Vec<f64>), SequenceEr
     numbers(&bytes).map_err(|problem| SequenceError::Content { path, problem })
 }
 
-fn read(folder: &Folder, archive: &Path, source: PoseSource) -> Result<Recording, SequenceError> {
+fn read(
+    folder: &Folder,
+    archive: &Path,
+    names: &ArrayNames,
+    source: PoseSource,
+) -> Result<Recording, SequenceError> {
     let depth = array(archive, "depth");
     let content = |path: &Path, problem: String| SequenceError::Content {
         path: path.to_owned(),
@@ -117,11 +149,12 @@ fn read(folder: &Folder, archive: &Path, source: PoseSource) -> Result<Recording
         path: depth.clone(),
         source,
     })?;
-    let [count, height, width] = header.shape[..] else {
+    let ([count, height, width] | [count, height, width, 1]) = header.shape[..] else {
         return Err(content(
             &depth,
             format!(
-                "has the shape {:?} in place of images, rows and columns: export the results of Depth Anything 3 with the format npz",
+                "has the shape {:?} in place of images, rows and columns: export the results of the model with the format npz; of an \
+                 array with an axis of batches in front, save array[0]",
                 header.shape
             ),
         ));
@@ -142,17 +175,17 @@ fn read(folder: &Folder, archive: &Path, source: PoseSource) -> Result<Recording
             ));
         }
     };
-    let (shape, intrinsics) = values(archive, "intrinsics")?;
+    let (shape, intrinsics) = values(archive, names.intrinsics)?;
     if shape != [count, 3, 3] {
         return Err(content(
-            &array(archive, "intrinsics"),
+            &array(archive, names.intrinsics),
             format!(
                 "has the shape {shape:?} in place of [{count}, 3, 3], a matrix for each of the {count} depth images"
             ),
         ));
     }
     let extrinsics = match source {
-        PoseSource::Layout => Some(values(archive, "extrinsics")?),
+        PoseSource::Layout => Some(values(archive, names.extrinsics)?),
         PoseSource::External => None,
     };
     let rows = match &extrinsics {
@@ -160,7 +193,7 @@ fn read(folder: &Folder, archive: &Path, source: PoseSource) -> Result<Recording
             [n, rows @ (3 | 4), 4] if n == count => rows as usize,
             _ => {
                 return Err(content(
-                    &array(archive, "extrinsics"),
+                    &array(archive, names.extrinsics),
                     format!(
                         "has the shape {shape:?} in place of [{count}, 3, 4], a matrix for each of the {count} depth images"
                     ),
@@ -170,7 +203,7 @@ fn read(folder: &Folder, archive: &Path, source: PoseSource) -> Result<Recording
         None => 0,
     };
     // The values of the intrinsics are there for so many images; a header alone can claim any number.
-    let colors = colors(folder, archive, count, size)?;
+    let colors = colors(folder, archive, names.images, count, size)?;
     let mut cameras = FrameCameras::default();
     let mut invalid = WarningCounter::default();
     let mut frames = Vec::new();
@@ -185,7 +218,7 @@ fn read(folder: &Folder, archive: &Path, source: PoseSource) -> Result<Recording
         let camera =
             camera_of(&intrinsics[9 * at..][..9], size, color.size).map_err(|problem| {
                 content(
-                    &array(archive, "intrinsics"),
+                    &array(archive, names.intrinsics),
                     format!("image {at}: {problem}"),
                 )
             })?;
@@ -201,15 +234,15 @@ fn read(folder: &Folder, archive: &Path, source: PoseSource) -> Result<Recording
     }
     if frames.is_empty() {
         return Err(content(
-            &array(archive, "extrinsics"),
+            &array(archive, names.extrinsics),
             "has no rigid transform".to_owned(),
         ));
     }
     let mut calibration = calibration(&cameras);
-    let confidence = container::array_header(&array(archive, CONFIDENCE));
+    let confidence = container::array_header(&array(archive, names.confidence));
     calibration.confidence = confidence
-        .is_ok_and(|confidence| confidence.shape == header.shape)
-        .then_some(ConfidenceImages::Array);
+        .is_ok_and(|confidence| confidence.shape[..] == header.shape[..3])
+        .then(|| ConfidenceImages::Array(format!("{}.npy", names.confidence)));
     let mut recording = Recording::new(frames, calibration);
     recording.has_time = false;
     recording.warnings.extend(invalid.into_warning(
@@ -219,7 +252,8 @@ fn read(folder: &Folder, archive: &Path, source: PoseSource) -> Result<Recording
     cameras.give_to(&mut recording);
     if source == PoseSource::Layout {
         recording.conventions.push(format!(
-            "poses: extrinsics in {}, camera from world, inverted; axes x right, y down, z forward; the unit is that of the run",
+            "poses: {} in {}, camera from world, inverted; axes x right, y down, z forward; the unit is that of the run",
+            names.extrinsics,
             archive.display()
         ));
     }
@@ -244,10 +278,11 @@ struct ColorImage {
 fn colors(
     folder: &Folder,
     archive: &Path,
+    name: &str,
     count: u64,
     size: ImageSize,
 ) -> Result<Vec<ColorImage>, SequenceError> {
-    let inside = array(archive, "image");
+    let inside = array(archive, name);
     if container::array_header(&inside).is_ok() {
         let number = |at: u64| ColorImage {
             name: format!("{at:06}"),

@@ -2,6 +2,8 @@
 //!
 //! All files are written by this project, after descriptions; none is of a real app.
 
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::Path;
 
 use image::{DynamicImage, imageops};
@@ -11,6 +13,8 @@ use linecarve_sequence::export::{
     Disturbance, RecordingLayout, WrongDepth, write_disturbed_recording, write_recording,
 };
 use linecarve_sequence::{OpenOptions, Sequence, contradiction};
+use zip::write::SimpleFileOptions;
+use zip::{ZipArchive, ZipWriter};
 
 use crate::folder_writers::intrinsics_text;
 use crate::support::{FOCAL, SIZE, write_tum};
@@ -106,6 +110,84 @@ fn an_archive_is_opened_by_its_name() {
         assert_eq!(sequence.frames().len(), FRAMES);
         assert_eq!(sequence.files(0), [folder.path().join(file)]);
     }
+}
+
+/// The same arrays as the demo of VGGT saves them.
+fn as_vggt(results: &Path, predictions: &Path) {
+    let mut archive = ZipArchive::new(File::open(results).unwrap()).unwrap();
+    let mut writer = ZipWriter::new(File::create(predictions).unwrap());
+    let (count, width, height) = (FRAMES, SIZE.0 as usize, SIZE.1 as usize);
+    let mut add = |name: &str, shape: String, values: &[u8]| {
+        let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({shape}), }}\n");
+        let length = (header.len() as u16).to_le_bytes();
+        let options = SimpleFileOptions::default();
+        writer.start_file(format!("{name}.npy"), options).unwrap();
+        for part in [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), values] {
+            writer.write_all(part).unwrap();
+        }
+    };
+    let mut values = |name: &str| {
+        let mut bytes = Vec::new();
+        let mut member = archive.by_name(&format!("{name}.npy")).unwrap();
+        member.read_to_end(&mut bytes).unwrap();
+        bytes.split_off(10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]])))
+    };
+    let narrowed = |doubles: Vec<u8>| -> Vec<u8> {
+        let value = |bytes: &[u8; 8]| (f64::from_le_bytes(*bytes) as f32).to_le_bytes();
+        doubles.as_chunks::<8>().0.iter().flat_map(value).collect()
+    };
+    let depth = values("depth");
+    let ones = 1.0_f32.to_le_bytes().repeat(depth.len() / 4);
+    add("depth_conf", format!("{count}, {height}, {width}"), &ones);
+    add("depth", format!("{count}, {height}, {width}, 1"), &depth);
+    add(
+        "extrinsic",
+        format!("{count}, 3, 4"),
+        &narrowed(values("extrinsics")),
+    );
+    add(
+        "intrinsic",
+        format!("{count}, 3, 3"),
+        &narrowed(values("intrinsics")),
+    );
+    let pixels = values("image");
+    let mut channels = Vec::new();
+    for image in pixels.chunks_exact(3 * width * height) {
+        for channel in 0..3 {
+            let samples = image.iter().skip(channel).step_by(3);
+            channels.extend(samples.flat_map(|byte| (f32::from(*byte) / 255.0).to_le_bytes()));
+        }
+    }
+    add(
+        "images",
+        format!("{count}, 3, {height}, {width}"),
+        &channels,
+    );
+    writer.finish().unwrap();
+}
+
+#[test]
+fn predictions_of_vggt_are_read() {
+    let results = written(RecordingLayout::DepthAnything3);
+    let folder = folder_with(|folder| {
+        as_vggt(
+            &results.path().join("results.npz"),
+            &folder.join("predictions.npz"),
+        );
+    });
+    let [read, source] = [folder.path(), results.path()].map(|folder| open(folder).unwrap());
+    let said = read.conventions().join("\n");
+    assert!(
+        said.contains("depth_conf.npy") && said.contains("extrinsic in"),
+        "{said}"
+    );
+    for (at, (one, other)) in read.frames().iter().zip(source.frames()).enumerate() {
+        let off = one.world_from_camera.inverse() * other.world_from_camera;
+        assert!(off.translation.vector.norm() < 1e-5 && off.rotation.angle() < 1e-5);
+        assert_eq!(read.load_depth(at).unwrap(), source.load_depth(at).unwrap());
+        assert_eq!(read.load_gray(at).unwrap(), source.load_gray(at).unwrap());
+    }
+    assert_eq!(read.frames().len(), FRAMES);
 }
 
 /// Doubles the size of the images of a folder.

@@ -12,7 +12,7 @@ use super::super::super::rigid;
 use super::super::super::text::TextFile;
 use super::super::super::warning::WarningCounter;
 use super::super::frame_cameras::FrameCameras;
-use super::{CONFIDENCE, array, calibration, camera_of};
+use super::{OF_DEPTH_ANYTHING, array, calibration, camera_of};
 
 const FRAMES: &str = "results_output";
 const POSES: &str = "camera_poses.txt";
@@ -133,12 +133,14 @@ pub(super) fn read(
     let mut calibration = calibration(&cameras);
     let has_confidence = |frame: &RecordedFrame| {
         let archive = frame.color.parent();
-        archive.is_some_and(|archive| container::array_header(&array(archive, CONFIDENCE)).is_ok())
+        archive.is_some_and(|archive| {
+            container::array_header(&array(archive, OF_DEPTH_ANYTHING.confidence)).is_ok()
+        })
     };
     calibration.confidence = frames
         .first()
         .filter(|frame| has_confidence(frame))
-        .map(|_| ConfidenceImages::Array);
+        .map(|_| ConfidenceImages::Array(format!("{}.npy", OF_DEPTH_ANYTHING.confidence)));
     let mut recording = Recording::new(frames, calibration);
     recording.has_time = false;
     recording.warnings.extend(invalid.into_warning(
