@@ -106,7 +106,8 @@ fn planes_of_a_room_become_five_times_smaller() {
         "small.ply",
     ]
     .map(text);
-    expect_status(0, ["synth", "bare-room", "--out", &sequence, "--quiet"]);
+    let synth = ["synth", "bare-room", "--frames", "24", "--size", "480x360"];
+    expect_status(0, synth.into_iter().chain(["--out", &sequence, "--quiet"]));
     let reconstruct = ["reconstruct", &sequence, "--out", &out, "--format", "ply"];
     let quiet = ["--final-only", "--no-picture", "--no-page", "--quiet"];
     expect_status(0, reconstruct.into_iter().chain(quiet));

@@ -33,7 +33,7 @@ const MAX_DISTANCE: f64 = 0.15;
 /// If an image makes the whole sequence unusable (image size, depth format).
 pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> {
     if !sequence.has_poses() {
-        return misregistration(sequence);
+        return Ok(misregistration(sequence));
     }
     let of_depth = pairs(sequence, |frame| sequence.frames()[frame].depth.is_some());
     let found = match consistency::verdict(sequence, &of_depth)? {
@@ -54,19 +54,18 @@ pub fn contradiction(sequence: &Sequence) -> Result<Option<String>, FrameError> 
     };
     match found {
         Some(text) => Ok(Some(with_poses_read(sequence, text))),
-        None => misregistration(sequence),
+        None => Ok(misregistration(sequence)),
     }
 }
 
 /// Says that registered depth is moved against the images, as outlines of a few images show.
-fn misregistration(sequence: &Sequence) -> Result<Option<String>, FrameError> {
+fn misregistration(sequence: &Sequence) -> Option<String> {
     if !is_registered(sequence) {
-        return Ok(None);
+        return None;
     }
     let facts = registration::measure(sequence, PAIRS, OUTLINE_PIXELS)?;
     let width = f64::from(sequence.color_size().width);
-    let far = facts.filter(|facts| facts.is_far(width));
-    Ok(far.and_then(|facts| facts.warning()))
+    facts.is_far(width).then(|| facts.warning())?
 }
 
 /// What contradicts corners. Images beside each other are asked if those that are near by their poses do not match, as under wrong poses.

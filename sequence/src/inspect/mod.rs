@@ -100,7 +100,7 @@ pub fn inspect(sequence: &Sequence, options: &InspectOptions) -> Result<Sequence
         )));
     }
     facts.registration =
-        registration::measure(sequence, options.registrations, registration::MAX_PIXELS)?;
+        registration::measure(sequence, options.registrations, registration::MAX_PIXELS);
     if let Some(warning) = facts
         .registration
         .as_ref()

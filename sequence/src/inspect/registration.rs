@@ -6,8 +6,8 @@ use nalgebra::Point2;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{evenly_spaced, skip_unreadable};
-use crate::{DepthCalibration, DepthImage, FrameError, Sequence};
+use super::evenly_spaced;
+use crate::{DepthCalibration, DepthImage, Sequence};
 
 /// Smallest relative depth step of a discontinuity.
 const MIN_DEPTH_STEP: f64 = 0.05;
@@ -91,33 +91,29 @@ struct RegistrationPair {
     distances: Vec<u8>,
 }
 
-/// Compares depth and colour of `samples` frames; `None` if there are too few pixels.
+/// Compares depth and colour of `samples` frames, of those that can be loaded; `None` if there are too few pixels.
 pub(super) fn measure(
     sequence: &Sequence,
     samples: usize,
     most_pixels: usize,
-) -> Result<Option<RegistrationFacts>, FrameError> {
-    let Some(calibration) = sequence.depth_calibration() else {
-        return Ok(None);
-    };
+) -> Option<RegistrationFacts> {
+    let calibration = sequence.depth_calibration()?;
     let with_depth: Vec<usize> = (0..sequence.frames().len())
         .filter(|&index| sequence.frames()[index].depth.is_some())
         .collect();
-    let pairs = evenly_spaced(with_depth.len(), samples)
+    let pairs: Vec<Option<RegistrationPair>> = evenly_spaced(with_depth.len(), samples)
         .par_iter()
         .map(|&at| {
             let index = with_depth[at];
-            let color = skip_unreadable(sequence.load_gray(index))?;
-            let depth = skip_unreadable(sequence.load_depth(index))?.flatten();
-            Ok(color
-                .zip(depth)
-                .and_then(|(color, depth)| pair(sequence, calibration, &color, &depth)))
+            let color = sequence.load_gray(index).ok()?;
+            let depth = sequence.load_depth(index).ok()??;
+            pair(sequence, calibration, &color, &depth)
         })
-        .collect::<Result<Vec<_>, FrameError>>()?;
+        .collect();
     let mut pairs: Vec<RegistrationPair> = pairs.into_iter().flatten().collect();
     let total: usize = pairs.iter().map(|pair| pair.discontinuities.len()).sum();
     if total < MIN_PIXELS {
-        return Ok(None);
+        return None;
     }
     let step = total.div_ceil(most_pixels);
     for pair in &mut pairs {
@@ -135,7 +131,7 @@ pub(super) fn measure(
     let is_confirmed = [(1, &halves[1]), (2, &halves[0])]
         .into_iter()
         .all(|(half, found)| found.mean_distances[half] < CLEARLY_BETTER * as_read[half]);
-    Ok(Some(RegistrationFacts {
+    Some(RegistrationFacts {
         frames: pairs.len(),
         pixels: pairs.iter().map(|pair| pair.discontinuities.len()).sum(),
         mean_distance_px: as_read[ALL],
@@ -143,7 +139,7 @@ pub(super) fn measure(
         best_scale: all.scale,
         best_shift_px: all.shift,
         is_confirmed,
-    }))
+    })
 }
 
 /// Mean distances over all images, over every other image from the first on, and over those between; not a number over no pixel.
@@ -368,9 +364,9 @@ mod tests {
 
     /// An image of edges that lie (-4, 3) px beside the discontinuities.
     fn moved(columns: i32) -> RegistrationPair {
-        let (width, height) = (60, 40);
+        let (width, height) = (400, 400);
         let mut distances = vec![24; width * height];
-        let discontinuities: Vec<_> = (5..35)
+        let discontinuities: Vec<_> = (5..375)
             .map(|i| Point2::new(f64::from(i + columns * (i % 3)), f64::from(i)))
             .collect();
         for discontinuity in &discontinuities {
@@ -390,7 +386,7 @@ mod tests {
         let pairs = [moved(7), moved(5)];
         let search = Search {
             pairs: &pairs,
-            center: Point2::new(29.5, 19.5),
+            center: Point2::new(199.5, 199.5),
         };
         let as_read = search.mean_distances(1.0, [0.0, 0.0]);
         assert!(as_read.iter().all(|mean| *mean > 1.0), "{as_read:?}");
