@@ -118,7 +118,7 @@ fn causal_poses_of_one_camera_begin_with_its_map() {
 
 #[test]
 fn one_camera_tracks_the_sample_without_its_depth() {
-    let folder = room_without_poses(20);
+    let folder = room_without_poses(15);
     std::fs::remove_file(folder.path().join("depth.txt")).unwrap();
     std::fs::remove_dir_all(folder.path().join("depth")).unwrap();
     let out = tempfile::tempdir().unwrap();
@@ -208,7 +208,7 @@ fn video_of_the_room(frames: usize) -> Vec<u8> {
 fn a_video_without_calibration_is_tracked_and_leaves_a_sequence() {
     let out = tempfile::tempdir().unwrap();
     let video = out.path().join("room.y4m");
-    std::fs::write(&video, video_of_the_room(24)).unwrap();
+    std::fs::write(&video, video_of_the_room(18)).unwrap();
     let folder = out.path().join("out");
     let output = expect_status(0, ["track", &text(&video), "--out", &text(&folder)]);
     assert!(
@@ -230,7 +230,7 @@ fn a_video_without_calibration_is_tracked_and_leaves_a_sequence() {
     program
         .args(["track", "-", "--quiet", "--out", &text(&piped)])
         .args(["--calibration", &text(room().join("linecarve.toml"))])
-        .write_stdin(video_of_the_room(16))
+        .write_stdin(video_of_the_room(10))
         .assert()
         .success();
     let report = json(&piped.join("track.json"));

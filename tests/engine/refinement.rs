@@ -14,6 +14,8 @@ use linecarve_mesh::LineSet;
 use linecarve_sequence::{OpenOptions, Sequence};
 
 const FRAMES: usize = 12;
+/// Of the runs of the program.
+const FEW: usize = 8;
 /// About that of the boxes, in metres.
 const MEDIAN_DEPTH: f64 = 2.5;
 
@@ -188,7 +190,7 @@ fn a_run_that_ends_early_keeps_last_depths_alone() {
 
 #[test]
 fn the_files_depend_on_neither_threads_nor_first_depths() {
-    let folder = small_sequence(FRAMES, "tum");
+    let folder = small_sequence(FEW, "tum");
     let text = |path: &Path| path.to_str().expect("temporary paths are UTF-8").to_owned();
     let sequence = text(&folder.path().join("sequence"));
     let files = |name: &str, more: &[&str]| {
@@ -218,7 +220,7 @@ fn the_files_depend_on_neither_threads_nor_first_depths() {
     let is_growth = |name: &Path| name.starts_with("keyframes");
     assert_eq!(
         one.keys().filter(|name| is_growth(name)).count(),
-        FRAMES,
+        FEW,
         "{:?}",
         one.keys()
     );
