@@ -30,7 +30,7 @@ use libfuzzer_sys::fuzz_target;
 use linecarve_engine::Options;
 use linecarve_engine::front_end::{FeatureKeyframe, Keyframe, LineKeyframe};
 use linecarve_engine::map::Map;
-use linecarve_engine::run::{CHECKPOINT_FOLDER, Checkpoint};
+use linecarve_engine::run::{CHECKPOINT_FOLDER, Checkpoint, RunDescription};
 use linecarve_engine::stream::{Message, Session};
 use linecarve_mesh::read_geometry;
 use linecarve_sequence::export::{
@@ -163,7 +163,11 @@ fn converse(bytes: &[u8]) {
 
 /// What a run has kept, under a right checksum: damage that only a hostile hand can do.
 fn resume(output: &Path, bytes: &[u8]) {
-    let run = Checkpoint::open(output, "", false).expect("a temporary folder");
+    let description = RunDescription {
+        text: String::new(),
+        files: Vec::new(),
+    };
+    let run = Checkpoint::open(output, &description, false).expect("a temporary folder");
     let sum = bytes.iter().fold(0xcbf2_9ce4_8422_2325_u64, |sum, byte| {
         (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
     });

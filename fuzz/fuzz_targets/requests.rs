@@ -97,5 +97,9 @@ fuzz_target!(|data: &[u8]| {
     assert!(!answer.windows(SECRET.len()).any(|part| part == SECRET));
     let request = format!("GET /report.html HTTP/1.1\r\nHost: localhost:{PORT}\r\n\r\n");
     let page = ask(request.as_bytes());
-    assert!(page.ends_with(b"<!doctype html>"));
+    assert!(
+        page.ends_with(b"<!doctype html>"),
+        "{:?}",
+        String::from_utf8_lossy(&page)
+    );
 });
