@@ -45,7 +45,10 @@ pub(super) async fn serve(stream: TcpStream, service: Service) {
         move |request: Request<Incoming>| {
             progress.is_asked.store(true, Ordering::Relaxed);
             progress.moved();
-            std::future::ready(Ok::<_, Infallible>(respond(&service, &request)))
+            let response = respond(&service, &request);
+            let has_end = !matches!(response.body(), Body::Messages(_));
+            progress.has_end.store(has_end, Ordering::Relaxed);
+            std::future::ready(Ok::<_, Infallible>(response))
         }
     });
     let watched = Watched {
@@ -114,6 +117,8 @@ fn respond<B: hyper::body::Body>(service: &Service, request: &Request<B>) -> Res
 #[derive(Default)]
 struct Progress {
     is_asked: AtomicBool,
+    /// Whether the answer is known to end.
+    has_end: AtomicBool,
     /// Milliseconds since the beginning, when the last byte moved.
     last: AtomicU64,
     begun: OnceLock<Instant>,
@@ -140,7 +145,8 @@ impl Progress {
     }
 }
 
-/// A stream that tells when bytes of the answer moved.
+/// A stream that tells when bytes of the answer moved. A client that sends nothing more still gets an answer that ends: hyper takes the end
+/// of what a client sends for the end of the client, and is not told.
 struct Watched {
     stream: TcpStream,
     progress: Arc<Progress>,
@@ -161,7 +167,13 @@ impl AsyncRead for Watched {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<std::io::Result<()>> {
-        Pin::new(&mut self.stream).poll_read(context, buffer)
+        let before = buffer.filled().len();
+        let read = Pin::new(&mut self.stream).poll_read(context, buffer);
+        let is_end = matches!(read, Poll::Ready(Ok(()))) && buffer.filled().len() == before;
+        match is_end && self.progress.has_end.load(Ordering::Relaxed) {
+            true => Poll::Pending,
+            false => read,
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 //! Browser tests are ignored by default. They need Chromium: `LINECARVE_CHROMIUM`, or one of the usual names on the path.
 
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpStream;
+use std::net::{Shutdown, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
@@ -371,6 +371,29 @@ fn a_server_outlives_all_requests() {
         .collect();
     assert_eq!(viewer.get("/"), (200, b"<p>page</p>".to_vec()));
     drop(unfinished);
+}
+
+/// As `nc -N` does, also while the answer is longer than what the system keeps for a connection.
+#[test]
+fn a_client_that_sends_nothing_more_gets_its_answer() {
+    let folder = tempfile::tempdir().unwrap();
+    let page = "<p>page</p>".repeat(1_000_000);
+    std::fs::write(folder.path().join("report.html"), &page).unwrap();
+    std::fs::write(folder.path().join("mesh.ply"), "ply").unwrap();
+    let viewer = Viewer::start(folder.path());
+    let ask = |path: &str| {
+        let mut stream = TcpStream::connect(&viewer.host).unwrap();
+        let request = format!("GET {path} HTTP/1.1\r\nHost: {}\r\n\r\n", viewer.host);
+        stream.write_all(request.as_bytes()).unwrap();
+        stream.shutdown(Shutdown::Write).unwrap();
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        answer
+    };
+    for _ in 0..200 {
+        assert!(ask("/mesh.ply").ends_with(b"\r\n\r\nply"));
+    }
+    assert!(ask("/").ends_with(page.as_bytes()));
 }
 
 #[test]
