@@ -233,8 +233,8 @@ pub struct StageArgs {
     #[arg(long, value_enum, conflicts_with = "config")]
     pub preset: Option<PresetArg>,
 
-    /// Images with a longer side are computed on at a whole fraction of their size; 0: as they are. Sequences with depth images
-    /// are left alone. Default: what the configuration says, 1600 when it says nothing.
+    /// Images with a longer side are computed on at a whole fraction of their size; 0: as they are. Images to whose pixels depth is
+    /// registered are left alone. Default: what the configuration says, 1600 when it says nothing.
     #[arg(long, value_name = "PIXELS", value_parser = whole::<u32>(0..=65536))]
     pub max_image_size: Option<u32>,
 

@@ -353,12 +353,12 @@ impl Sequence {
     }
 
     /// Downsamples loaded images by the smallest integer factor that leaves no side longer than `longest_side` pixels.
-    /// Updates [`color_camera`](Self::color_camera). Sequences with depth images keep their size. Returns the stored and
+    /// Updates [`color_camera`](Self::color_camera). Images to whose pixels depth is registered keep their size. Returns the stored and
     /// the loaded size if they differ.
     pub fn limit_image_size(&mut self, longest_side: u32) -> Option<[ImageSize; 2]> {
         self.downsampling = match &self.depth {
-            Some(_) => None,
-            None => Downsampling::new(&self.color_camera, self.color_size, longest_side),
+            Some(depth) if depth.registered => None,
+            _ => Downsampling::new(&self.color_camera, self.color_size, longest_side),
         };
         let downsampling = self.downsampling.as_ref()?;
         Some([self.color_size, downsampling.size])

@@ -1,4 +1,4 @@
-//! Reduction of large images; sequences with depth images keep their size.
+//! Reduction of large images; those to whose pixels depth is registered keep their size.
 
 use std::path::Path;
 
@@ -64,6 +64,37 @@ fn depth_images_keep_their_partners() {
     let mut sequence = open(sample());
     assert!(sequence.limit_image_size(100).is_none());
     assert_eq!(sequence.color_size().width, 640);
+}
+
+/// The pictures of a phone are larger than its depth, which has pixels of its own.
+#[test]
+fn images_shrink_beside_depth_of_another_size() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let stray = folder.path().join("stray");
+    let path = |path: &Path| path.to_str().expect("temporary paths are UTF-8").to_owned();
+    let written = ["convert", &path(sample()), "--to", "stray-scanner"];
+    expect_status(0, written.into_iter().chain(["--out", &path(&stray)]));
+    for entry in std::fs::read_dir(stray.join("depth")).expect("depth images") {
+        let file = entry.expect("a depth image").path();
+        let small = image::open(&file).expect("a depth image");
+        let small = small.resize_exact(160, 120, image::imageops::FilterType::Nearest);
+        small.save(file).expect("a writable folder");
+    }
+    let out = folder.path().join("out");
+    let arguments = ["reconstruct", &path(&stray), "--max-keyframes", "6"];
+    let fast = ["--max-image-size", "320", "--final-only", "--no-page"];
+    let fast = fast.into_iter().chain(["--out", out.to_str().unwrap()]);
+    let said = stderr(&expect_status(0, arguments.into_iter().chain(fast)));
+    let expected = "640 x 480 are computed on at 320 x 240";
+    assert!(said.contains(expected), "{said}");
+    let text = |name: &str| path(&out.join(name));
+    let truth = path(&sample().join("ground-truth.ply"));
+    let compared = ["evaluate", &text("mesh.ply"), "--ground-truth", &truth];
+    let found = expect_status(0, compared.into_iter().chain(["--json"]));
+    let found: serde_json::Value = serde_json::from_slice(&found.stdout).expect("JSON");
+    let median = found["accuracy"]["median"].as_f64().expect("a number");
+    // Half a pixel of the small depth is a few millimetres.
+    assert!(median < 0.005, "{found}");
 }
 
 #[test]

@@ -59,8 +59,8 @@ table! {
     /// Size of images.
     ["images"] ImagesTable {
         /// Longest side of an image, in pixels. Larger images are scaled by a whole fraction; 0 never scales.
-        /// Sequences with depth images are never scaled. Set it lower for a faster run: the time of depth from images
-        /// grows with the third power. The flag `--max-image-size` overrides it.
+        /// Images to whose pixels depth is registered are never scaled. Set it lower for a faster run: the time of depth
+        /// from images grows with the third power. The flag `--max-image-size` overrides it.
         longest_side_px: u32 = images.longest_side_px, Values::range(0.0, 65536.0, "a whole number from 0 to 65536");
     }
     tables {}

@@ -80,8 +80,8 @@ pub enum LineMethod {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct ImageOptions {
-    /// Images with a longer side are downscaled by an integer factor; 0: never. Does not apply to sequences with depth
-    /// images.
+    /// Images with a longer side are downscaled by an integer factor; 0: never. Does not apply where depth is registered to
+    /// their pixels.
     pub longest_side_px: u32,
 }
 
