@@ -145,8 +145,10 @@ impl Progress {
     }
 }
 
-/// A stream that tells when bytes of the answer moved. A client that sends nothing more still gets an answer that ends: hyper takes the end
-/// of what a client sends for the end of the client, and is not told.
+/// A stream that tells when bytes of the answer moved.
+///
+/// A client that closes its sending side still gets an answer that ends: hyper would close the connection, so it does not see that end.
+/// With its `half_close` it would also keep clients of live pages that have gone away.
 struct Watched {
     stream: TcpStream,
     progress: Arc<Progress>,
