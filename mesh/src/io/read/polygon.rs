@@ -35,18 +35,16 @@ pub(super) fn triangles(count: usize, position: impl Fn(usize) -> Point3<f64>) -
 /// Whether no corner turns against the others. Also true of coordinates that are not finite.
 fn is_convex(points: &[Point3<f64>]) -> bool {
     let count = points.len();
-    let normals = || {
-        (0..count).map(|at| {
-            let [a, b, c] = [at, at + 1, at + 2].map(|at| points[at % count]);
-            (b - a).cross(&(c - b))
-        })
-    };
+    let mut normals = (0..count).map(|at| {
+        let [a, b, c] = [at, at + 1, at + 2].map(|at| points[at % count]);
+        (b - a).cross(&(c - b))
+    });
     // Of the area, by Newell.
     let normal: Vector3<f64> = (1..count - 1)
         .map(|at| (points[at] - points[0]).cross(&(points[at + 1] - points[0])))
         .sum();
-    let bound = TURN * normal.norm();
-    !normals().any(|corner| corner.dot(&normal) < -bound * normal.norm())
+    let least = -TURN * normal.norm_squared();
+    !normals.any(|corner| corner.dot(&normal) < least)
 }
 
 #[cfg(test)]
