@@ -146,7 +146,8 @@ fn npy_color_size(header: &NpyHeader) -> Result<ImageSize, String> {
             size(width, height)
         }
         (shape, _) => Err(format!(
-            "an array of shape {shape:?} and type {}, not of rows, columns and three channels of type uint8",
+            "an array of shape {shape:?} and type {}, not of rows, columns and three channels of type uint8, or of three channels, rows \
+             and columns of type float32",
             header.descr
         )),
     }

@@ -239,7 +239,8 @@ const CALIBRATION_FOLDERS: [&str; 5] = [
 const TABLES: [&str; 12] = [
     ".txt", ".csv", ".json", ".yaml", ".yml", ".xml", ".npy", ".npz", ".pkl", ".mat", ".h5", ".pt",
 ];
-const POSE_WORDS: [&str; 6] = [
+const POSE_WORDS: [&str; 7] = [
+    "pose",
     "traj",
     "odom",
     "groundtruth",
@@ -247,6 +248,8 @@ const POSE_WORDS: [&str; 6] = [
     "extrinsic",
     "camera_path",
 ];
+/// Words that only contain one of these.
+const NO_POSES: [&str; 3] = ["compose", "expose", "purpose"];
 
 fn role_of_folder(path: &Path, lower: &str) -> Option<FileRole> {
     let inside = Folder::list(path).ok()?;
@@ -294,12 +297,10 @@ fn role_of_file(lower: &str) -> Option<FileRole> {
         return Some(FileRole::Poses);
     }
     let stem = lower.split('.').next().unwrap_or_default();
-    // Not "compose" or "purpose".
-    let words = stem.split(|c: char| !c.is_ascii_alphabetic());
-    let is_of_poses = words
-        .map(|word| word.trim_start_matches("camera"))
-        .any(|word| word.starts_with("pose"));
-    if ends(&TABLES) && (is_of_poses || POSE_WORDS.iter().any(|word| stem.contains(word))) {
+    let stem = NO_POSES
+        .iter()
+        .fold(stem.to_owned(), |stem, word| stem.replace(word, ""));
+    if ends(&TABLES) && POSE_WORDS.iter().any(|word| stem.contains(word)) {
         return Some(FileRole::Poses);
     }
     if ends(&[".npz"]) {
