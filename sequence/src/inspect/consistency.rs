@@ -28,7 +28,7 @@ const EXACT: f64 = 0.003;
 const MIN_PIXELS: usize = 300;
 
 /// An alternative that contradicts the files fits at least this well.
-const FITS: f64 = 0.05;
+pub(super) const FITS: f64 = 0.05;
 
 /// Depth that disagrees by more than this share is wrong, though no alternative says how: noise and drift are below a tenth, layers of
 /// models with a scale of their own about that.

@@ -77,40 +77,70 @@ pub(super) fn find(image: &GrayImage) -> Corners {
 
 /// Mutual best matches that pass the ratio test.
 pub(super) fn matches(a: &Corners, b: &Corners) -> Vec<([f64; 2], [f64; 2])> {
-    let forward = nearest(a, b);
-    let backward = nearest(b, a);
-    forward
-        .iter()
-        .enumerate()
-        .filter_map(|(i, found)| {
-            let j = (*found)?;
-            (backward[j] == Some(i)).then(|| (a.pixels[i], b.pixels[j]))
-        })
-        .collect()
+    let mut of_a = vec![Nearest::NONE; a.pixels.len()];
+    let mut of_b = vec![Nearest::NONE; b.pixels.len()];
+    for (i, patch) in a.patches.chunks_exact(SAMPLES).enumerate() {
+        for (j, other) in b.patches.chunks_exact(SAMPLES).enumerate() {
+            let correlation = correlation(patch, other);
+            of_a[i].add(j, correlation);
+            of_b[j].add(i, correlation);
+        }
+    }
+    let of_a = of_a.iter().enumerate();
+    of_a.filter_map(|(i, nearest)| {
+        let j = nearest.clear()?;
+        (of_b[j].clear() == Some(i)).then(|| (a.pixels[i], b.pixels[j]))
+    })
+    .collect()
 }
 
-/// For each corner of `a` the best match in `b` that passes the ratio test.
-fn nearest(a: &Corners, b: &Corners) -> Vec<Option<usize>> {
-    const N: usize = SIDE * SIDE;
-    a.patches
-        .chunks_exact(N)
-        .map(|patch| {
-            let (mut best, mut second, mut at) = (f32::NEG_INFINITY, f32::NEG_INFINITY, 0);
-            for (j, other) in b.patches.chunks_exact(N).enumerate() {
-                let correlation: f32 = patch.iter().zip(other).map(|(p, q)| p * q).sum();
-                if correlation > best {
-                    second = best;
-                    best = correlation;
-                    at = j;
-                } else if correlation > second {
-                    second = correlation;
-                }
-            }
-            let is_clear =
-                best > MIN_CORRELATION && (1.0 - best) < MAX_DISTANCE_RATIO * (1.0 - second);
-            is_clear.then_some(at)
-        })
-        .collect()
+/// Number of samples of a patch.
+const SAMPLES: usize = SIDE * SIDE;
+
+/// Products of the samples, summed in lanes that the processor adds at once.
+fn correlation(patch: &[f32], other: &[f32]) -> f32 {
+    let mut sums = [0.0; SIDE];
+    for (row, other) in patch.chunks_exact(SIDE).zip(other.chunks_exact(SIDE)) {
+        for ((sum, p), q) in sums.iter_mut().zip(row).zip(other) {
+            *sum += p * q;
+        }
+    }
+    sums.iter().sum()
+}
+
+/// The best two of the patches that a patch was compared with.
+#[derive(Clone, Copy)]
+struct Nearest {
+    best: f32,
+    second: f32,
+    at: usize,
+}
+
+impl Nearest {
+    const NONE: Self = Self {
+        best: f32::NEG_INFINITY,
+        second: f32::NEG_INFINITY,
+        at: 0,
+    };
+
+    fn add(&mut self, at: usize, correlation: f32) {
+        if correlation > self.best {
+            *self = Self {
+                best: correlation,
+                second: self.best,
+                at,
+            };
+        } else if correlation > self.second {
+            self.second = correlation;
+        }
+    }
+
+    /// The best, if it passes the ratio test.
+    fn clear(&self) -> Option<usize> {
+        let is_clear = self.best > MIN_CORRELATION
+            && (1.0 - self.best) < MAX_DISTANCE_RATIO * (1.0 - self.second);
+        is_clear.then_some(self.at)
+    }
 }
 
 /// Normalises a patch to mean 0 and norm 1; `false` for a patch without contrast.

@@ -3,6 +3,7 @@
 use linecarve_lines::camera::Camera;
 use rayon::prelude::*;
 
+use super::consistency::FITS;
 use super::depth_pair::DepthPair;
 use super::intrinsics_hypotheses::{
     FOCAL_STEP, description, focal_hypotheses, refined, section as section_of,
@@ -27,6 +28,10 @@ const COMMON_SCALE: f64 = 0.05;
 /// Ratio of the scales that the search tries first, and their number on either side.
 const SCALE_STEP: f64 = 1.15;
 const SCALE_STEPS: i32 = 66;
+
+/// With a larger misfit at the best of the first scales none between them fits: that is at most half a step away, and the misfit changes by
+/// less than the scale.
+const WORTH_REFINING: f64 = FITS + 0.5 * (SCALE_STEP - 1.0);
 
 /// Of the pixels that are compared, a search takes every so many-th in either direction: first, and around what it found.
 const COARSE: usize = 4;
@@ -255,7 +260,10 @@ impl Search<'_> {
             ..convention.clone()
         };
         let ladder = (-SCALE_STEPS..=SCALE_STEPS).map(|step| SCALE_STEP.powi(step));
-        let (_, coarse) = self.best(ladder.map(with_factor), COARSE)?;
+        let (misfit, coarse) = self.best(ladder.map(with_factor), COARSE)?;
+        if misfit > WORTH_REFINING {
+            return None;
+        }
         let fine = (-20..=20).map(|step| coarse.factor * SCALE_STEP.powf(f64::from(step) / 20.0));
         let (misfit, fine) = self.best(fine.map(with_factor), FINE)?;
         let (of_rotation, _) = self.fit(&with_factor(1e9), FINE);

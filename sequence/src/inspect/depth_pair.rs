@@ -106,7 +106,8 @@ fn compare(
             let Some(seen) = camera.project(&point_in_b) else {
                 continue;
             };
-            let (u, v) = (seen.x.round(), seen.y.round());
+            // To the nearest pixel, by a cast: `round` is a call.
+            let (u, v) = (seen.x + 0.5, seen.y + 0.5);
             if u < 0.0 || v < 0.0 {
                 continue;
             }

@@ -222,10 +222,11 @@ fn least(candidates: &[Candidate], as_read: Candidate, of: usize) -> Candidate {
 impl RegistrationPair {
     /// Sum of the distances of all discontinuities, in units.
     fn distance(&self, center: &Point2<f64>, scale: f64, shift: [f64; 2]) -> u64 {
+        let (width, height) = (self.width as f64, self.height as f64);
         let of = |discontinuity: &Point2<f64>| {
-            let x = (center.x + scale * (discontinuity.x - center.x) + shift[0]).round();
-            let y = (center.y + scale * (discontinuity.y - center.y) + shift[1]).round();
-            if x >= 0.0 && y >= 0.0 && x < self.width as f64 && y < self.height as f64 {
+            let x = center.x + scale * (discontinuity.x - center.x) + shift[0] + 0.5;
+            let y = center.y + scale * (discontinuity.y - center.y) + shift[1] + 0.5;
+            if x >= 0.0 && y >= 0.0 && x < width && y < height {
                 u64::from(self.distances[y as usize * self.width + x as usize])
             } else {
                 u64::from(MAX_DISTANCE_PX * UNITS_PER_PX)
