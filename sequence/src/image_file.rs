@@ -77,7 +77,7 @@ pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
 pub(super) fn orientation(path: &Path) -> Option<Orientation> {
     let bytes = read_once(path).ok()?;
     let format = image::guess_format(&bytes).ok()?;
-    let reader = ImageReader::with_format(Cursor::new(&bytes), format);
+    let reader = ImageReader::with_format(Cursor::new(bytes.as_slice()), format);
     let found = reader.into_decoder().ok()?.orientation().ok()?;
     (found != Orientation::NoTransforms).then_some(found)
 }

@@ -3,6 +3,7 @@
 use std::io::{Cursor, Write};
 use std::path::{Path, PathBuf};
 
+use image::codecs::png::PngEncoder;
 use image::{DynamicImage, ImageBuffer, ImageFormat, Luma};
 use linecarve_lines::camera::Camera;
 use linecarve_mesh::files::write_unsynced;
@@ -221,7 +222,7 @@ impl<'a> Source<'a> {
     fn png(&self, index: usize, image: &DynamicImage) -> Result<Vec<u8>, RecordingError> {
         let mut bytes = Cursor::new(Vec::new());
         image
-            .write_to(&mut bytes, ImageFormat::Png)
+            .write_with_encoder(PngEncoder::new(&mut bytes))
             .map_err(|error| self.encode_error(index, error))?;
         Ok(bytes.into_inner())
     }
