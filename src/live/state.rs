@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::surface_copy::{SurfaceContent, SurfaceCopy};
 use crate::report::growth_delta::{NumberedSurface, encode};
 use crate::report::page::{
-    Elements, KeyframeImage, Page, PageKeyframe, Positions, base64_text, page_json,
+    Base64, Elements, KeyframeImage, Page, PageKeyframe, Positions, page_json,
 };
 use linecarve_engine::map::SurfaceChange;
 use linecarve_engine::run::StageTimes;
@@ -107,7 +107,7 @@ struct SurfaceMessage {
     /// Whether the surface before is gone.
     anew: bool,
     /// The bytes of a `.delta` file, in base64.
-    delta: String,
+    delta: Base64,
 }
 
 impl SurfaceMessage {
@@ -116,7 +116,7 @@ impl SurfaceMessage {
         encode(surface, change, &Vector3::zeros(), &mut bytes);
         Self {
             anew: change.is_anew,
-            delta: base64_text(&bytes),
+            delta: Base64(bytes),
         }
     }
 }
@@ -197,10 +197,10 @@ impl LiveState {
                 .map(|(surface, change)| SurfaceMessage::new(surface, change)),
             segments: (!new_segments.is_empty() || update.are_segments_anew).then(|| Tail {
                 from: known_segments,
-                list: Positions::new(new_segments),
+                list: Positions::new(new_segments.iter().copied()),
             }),
-            clusters: has_clusters.then(|| Positions::new(&rest.clusters)),
-            points: has_points.then(|| Positions::new(&rest.points)),
+            clusters: has_clusters.then(|| Positions::new(rest.clusters.iter().copied())),
+            points: has_points.then(|| Positions::new(rest.points.iter().copied())),
             image: update.image.as_ref(),
             ended: rest.has_ended,
         };
@@ -234,10 +234,10 @@ impl Snapshot {
             surface: Some(SurfaceMessage::new(surface, &surface.change_from_nothing())),
             segments: Some(Tail {
                 from: 0,
-                list: Positions::new(rest.segments.as_flattened()),
+                list: Positions::new(rest.segments.iter().flatten().copied()),
             }),
-            clusters: Some(Positions::new(&rest.clusters)),
-            points: Some(Positions::new(&rest.points)),
+            clusters: Some(Positions::new(rest.clusters.iter().copied())),
+            points: Some(Positions::new(rest.points.iter().copied())),
             image: rest.image.as_ref(),
             ended: rest.has_ended,
         };

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use serde::Serialize;
 
 use super::element_history::Lifetime;
-use super::encode::{Positions, push_number, text};
+use super::encode::{Base64, Positions, push_number};
 use super::history::SurfaceHistory;
 use super::images::KeyframeImage;
 use super::texture::PageTexture;
@@ -223,7 +223,7 @@ struct SurfaceData<'a> {
     vertex_counts: &'a [u32],
     vertices: Positions,
     triangles: TrianglesData,
-    errors: Option<String>,
+    errors: Option<Base64>,
     texture: &'a Option<PageTexture>,
     lines: Vec<LinesData>,
     points: Option<PointsData>,
@@ -239,7 +239,7 @@ struct TimingData<'a> {
 struct TrianglesData {
     count: usize,
     born: Vec<u32>,
-    data: String,
+    data: Base64,
 }
 
 #[derive(Serialize)]
@@ -247,7 +247,7 @@ struct LinesData {
     name: &'static str,
     color: &'static str,
     born: Vec<u32>,
-    life: String,
+    life: Base64,
     ends: Positions,
 }
 
@@ -255,7 +255,7 @@ struct LinesData {
 struct PointsData {
     color: &'static str,
     born: Vec<u32>,
-    life: String,
+    life: Base64,
     #[serde(rename = "places")]
     positions: Positions,
 }
@@ -313,21 +313,20 @@ impl<'a> SurfaceData<'a> {
     fn new(surface: &'a PageSurface) -> Self {
         let history = &surface.history;
         let (vertices, triangles) = triangles_of(history);
-        let (segments, until) = history.segments();
         let mut lines = vec![LinesData {
             name: "segments",
             color: "#de5828",
-            born: increments(until),
+            born: increments(history.segments_until()),
             // Segments are never removed.
-            life: text(&vec![0; segments.len()]),
-            ends: Positions::new(segments.as_flattened()),
+            life: Base64(vec![0; history.segment_count()]),
+            ends: Positions::new(history.segment_ends()),
         }];
         lines.push(LinesData {
             name: "clusters",
             color: "#2060c8",
             born: history.clusters.added_counts(),
             life: encode_lifetimes(history.clusters.records()),
-            ends: Positions::new(&history.cluster_ends()),
+            ends: Positions::new(history.cluster_ends()),
         });
         lines.retain(|set| !set.born.iter().all(|many| *many == 0));
         Self {
@@ -337,14 +336,14 @@ impl<'a> SurfaceData<'a> {
             vertex_counts: history.vertex_counts(),
             vertices,
             triangles,
-            errors: surface.errors.as_deref().map(text),
+            errors: surface.errors.clone().map(Base64),
             texture: &surface.texture,
             lines,
             points: (!history.points.records().is_empty()).then(|| PointsData {
                 color: "#2060c8",
                 born: history.points.added_counts(),
                 life: encode_lifetimes(history.points.records()),
-                positions: Positions::new(&history.point_positions()),
+                positions: Positions::new(history.point_positions()),
             }),
             timing: TimingData {
                 stages: &surface.timing,
@@ -354,12 +353,12 @@ impl<'a> SurfaceData<'a> {
 }
 
 /// Number of states of each element, 0 for unlimited.
-fn encode_lifetimes<T>(records: &[(T, Lifetime)]) -> String {
+fn encode_lifetimes<T>(records: &[(T, Lifetime)]) -> Base64 {
     let mut life = Vec::new();
     for (_, lifetime) in records {
         push_number(&mut life, lifetime.state_count());
     }
-    text(&life)
+    Base64(life)
 }
 
 /// Increments of a running total.
@@ -381,12 +380,10 @@ fn triangles_of(history: &SurfaceHistory) -> (Positions, TrianglesData) {
         used[*corner as usize] = true;
     }
     let mut rank = Vec::with_capacity(used.len());
-    let mut vertices = Vec::new();
-    for (position, used) in history.positions().iter().zip(used) {
-        rank.push(vertices.len() as u32);
-        if used {
-            vertices.push(*position);
-        }
+    let mut count = 0;
+    for used in &used {
+        rank.push(count);
+        count += u32::from(*used);
     }
     let mut data = Vec::with_capacity(8 * records.len());
     let (mut state, mut last) = (0, 0);
@@ -404,7 +401,9 @@ fn triangles_of(history: &SurfaceHistory) -> (Positions, TrianglesData) {
     let triangles = TrianglesData {
         count: records.len(),
         born: history.triangles.added_counts(),
-        data: text(&data),
+        data: Base64(data),
     };
-    (Positions::new(&vertices), triangles)
+    let vertices = history.positions().zip(&used);
+    let vertices = vertices.filter_map(|(position, used)| used.then_some(position));
+    (Positions::new(vertices), triangles)
 }

@@ -1,18 +1,54 @@
 //! The history of a set of elements over states.
 
+use std::num::NonZeroU16;
+
 /// States in which an element exists.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Lifetime {
     /// First state with the element.
-    pub(super) first_state: u32,
+    pub(super) first_state: u16,
     /// First later state without it.
-    pub(super) end_state: Option<u32>,
+    pub(super) end_state: Option<NonZeroU16>,
 }
 
+/// Largest number of states of a history.
+pub(super) const MOST_STATES: u32 = u16::MAX as u32;
+
 impl Lifetime {
+    /// An element that is new with a state.
+    pub(super) fn beginning(state: u16) -> Self {
+        Self {
+            first_state: state,
+            end_state: None,
+        }
+    }
+
+    /// Ends with a state that comes after the first one.
+    pub(super) fn end(&mut self, state: u16) {
+        self.end_state = NonZeroU16::new(state);
+    }
+
+    /// Whether the element exists in a state.
+    #[cfg(test)]
+    pub(super) fn holds(&self, state: u16) -> bool {
+        self.first_state <= state && self.end_state.is_none_or(|end| state < end.get())
+    }
+
+    /// The lifetime when only every second state stays, beginning with the second; `None` when none of its states does.
+    pub(super) fn thinned(self) -> Option<Self> {
+        // The odd states stay; s / 2 of them lie before state s.
+        let first_state = self.first_state / 2;
+        let end = self.end_state.map(|end| end.get() / 2);
+        (end != Some(first_state)).then(|| Self {
+            first_state,
+            end_state: end.and_then(NonZeroU16::new),
+        })
+    }
+
     /// Number of states, 0 for unlimited.
     pub(super) fn state_count(&self) -> u32 {
-        self.end_state.map_or(0, |end| end - self.first_state)
+        self.end_state
+            .map_or(0, |end| u32::from(end.get() - self.first_state))
     }
 }
 
@@ -23,7 +59,7 @@ pub(super) struct ElementHistory<T> {
     records: Vec<(T, Lifetime)>,
     /// Current elements, sorted, with their records.
     current: Vec<(T, u32)>,
-    states: u32,
+    states: u16,
 }
 
 impl<T> Default for ElementHistory<T> {
@@ -49,25 +85,19 @@ impl<T: Copy + Ord> ElementHistory<T> {
         let mut before = self.current.iter().peekable();
         for element in now {
             while let Some((_, record)) = before.next_if(|(old, _)| *old < element) {
-                self.records[*record as usize].1.end_state = Some(state);
+                self.records[*record as usize].1.end(state);
             }
             let record = match before.next_if(|(old, _)| *old == element) {
                 Some((_, record)) => *record,
                 None => {
-                    self.records.push((
-                        element,
-                        Lifetime {
-                            first_state: state,
-                            end_state: None,
-                        },
-                    ));
+                    self.records.push((element, Lifetime::beginning(state)));
                     (self.records.len() - 1) as u32
                 }
             };
             current.push((element, record));
         }
         for (_, record) in before {
-            self.records[*record as usize].1.end_state = Some(state);
+            self.records[*record as usize].1.end(state);
         }
         self.current = current;
         self.states += 1;
@@ -75,23 +105,21 @@ impl<T: Copy + Ord> ElementHistory<T> {
 
     /// Drops every second state, beginning with the first.
     pub(super) fn thin(&mut self) {
-        // The odd states stay; s / 2 of them lie before state s.
-        for (_, lifetime) in &mut self.records {
-            lifetime.first_state /= 2;
-            lifetime.end_state = lifetime.end_state.map(|end_state| end_state / 2);
-        }
         self.states /= 2;
         let states = self.states;
-        self.records.retain(|(_, lifetime)| {
-            lifetime.first_state < states && lifetime.end_state != Some(lifetime.first_state)
+        self.records.retain_mut(|(_, lifetime)| {
+            let thinned = lifetime.thinned();
+            *lifetime = thinned.unwrap_or(*lifetime);
+            thinned.is_some_and(|kept| kept.first_state < states)
         });
+        self.records.shrink_to_fit();
         self.records
             .sort_unstable_by_key(|(element, lifetime)| (lifetime.first_state, *element));
         // Elements added in a dropped last state are dropped and added again with the next state.
         self.current = (0..)
             .zip(&mut self.records)
             .filter_map(|(number, (element, lifetime))| {
-                lifetime.end_state = lifetime.end_state.filter(|end_state| *end_state < states);
+                lifetime.end_state = lifetime.end_state.filter(|end| end.get() < states);
                 lifetime.end_state.is_none().then_some((*element, number))
             })
             .collect();
@@ -105,15 +133,20 @@ impl<T: Copy + Ord> ElementHistory<T> {
 
     /// Number of states.
     #[cfg(test)]
-    pub(super) fn states(&self) -> u32 {
+    pub(super) fn states(&self) -> u16 {
         self.states
+    }
+
+    /// Memory of the lifetimes, in bytes.
+    pub(super) fn memory(&self) -> usize {
+        size_of_val(&self.records[..])
     }
 
     /// Number of elements added with each state.
     pub(super) fn added_counts(&self) -> Vec<u32> {
-        let mut added_counts = vec![0; self.states as usize];
+        let mut added_counts = vec![0; usize::from(self.states)];
         for (_, lifetime) in &self.records {
-            added_counts[lifetime.first_state as usize] += 1;
+            added_counts[usize::from(lifetime.first_state)] += 1;
         }
         added_counts
     }
@@ -125,14 +158,11 @@ mod tests {
 
     use super::*;
 
-    fn at(history: &ElementHistory<u8>, state: u32) -> Vec<u8> {
+    fn at(history: &ElementHistory<u8>, state: u16) -> Vec<u8> {
         let mut current: Vec<u8> = history
             .records()
             .iter()
-            .filter(|(_, lifetime)| {
-                lifetime.first_state <= state
-                    && lifetime.end_state.is_none_or(|end_state| state < end_state)
-            })
+            .filter(|(_, lifetime)| lifetime.holds(state))
             .map(|(element, _)| *element)
             .collect();
         current.sort_unstable();
@@ -161,7 +191,7 @@ mod tests {
                 history.push(state.clone());
                 expected.push(set(state));
             }
-            prop_assert_eq!(history.states() as usize, expected.len());
+            prop_assert_eq!(usize::from(history.states()), expected.len());
             for (number, state) in (0..).zip(&expected) {
                 prop_assert_eq!(&at(&history, number), state);
             }

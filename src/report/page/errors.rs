@@ -13,9 +13,8 @@ pub fn triangle_errors(
     end: f64,
     distances: impl FnOnce(&[Point3<f64>]) -> Vec<f64>,
 ) -> Vec<u8> {
-    let positions = history.positions();
     let nodes = history.triangles().flat_map(|corners| {
-        let corners = corners.map(|corner| positions[corner as usize].coords);
+        let corners = corners.map(|corner| history.position(corner).coords);
         (0..3).map(move |k| {
             let [a, b, c] = [corners[k], corners[(k + 1) % 3], corners[(k + 2) % 3]];
             Point3::from((a * 4.0 + b + c) / 6.0)

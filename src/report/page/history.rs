@@ -4,7 +4,7 @@ use linecarve_carving::{ChangeLog, Face};
 use linecarve_mesh::LineSet;
 use nalgebra::Point3;
 
-use super::element_history::ElementHistory;
+use super::element_history::{ElementHistory, MOST_STATES};
 use super::triangle_history::TriangleHistory;
 use linecarve_engine::map::SurfaceChange;
 
@@ -14,16 +14,16 @@ pub struct HistoryLimits {
     /// Largest number of states. Beyond it every second state is dropped, and only every second keyframe is recorded from
     /// then on.
     pub states: u32,
-    /// Largest number of triangle lifetimes, treated likewise; applies above 16 states.
-    pub triangles: usize,
+    /// Most memory of what changed, in bytes, treated likewise; applies above 16 states.
+    pub memory: usize,
 }
 
 impl Default for HistoryLimits {
-    /// About 60 MB of memory and 40 MB of page.
+    /// About 40 MB of page.
     fn default() -> Self {
         Self {
             states: 512,
-            triangles: 4_000_000,
+            memory: 64_000_000,
         }
     }
 }
@@ -49,7 +49,7 @@ pub struct SurfaceHistory {
     /// Keyframe of each state.
     keyframes: Vec<u32>,
     /// Vertices in the order of first use.
-    positions: Vec<Point3<f64>>,
+    positions: Vec<Place>,
     /// The vertex of the page at each vertex of the surface, as of the last state.
     ids: Vec<u32>,
     /// Changes since the last state.
@@ -59,23 +59,34 @@ pub struct SurfaceHistory {
     pub(super) triangles: TriangleHistory,
     pub(super) clusters: ElementHistory<[Key; 2]>,
     pub(super) points: ElementHistory<Key>,
-    segments: Vec<[Point3<f64>; 2]>,
+    segments: Vec<[Place; 2]>,
     /// Number of segments at each state.
     segments_until: Vec<u32>,
     /// Number of mesh vertices at each state. Manifold repair gives several vertices the same position.
     vertex_counts: Vec<u32>,
 }
 
+/// A position in single precision: coordinates are relative to the recording, and the page has 21 bits of each.
+pub(super) type Place = [f32; 3];
+
+fn place(point: &Point3<f64>) -> Place {
+    point.coords.cast::<f32>().into()
+}
+
+fn point(place: &Place) -> Point3<f64> {
+    Point3::from(*place).cast()
+}
+
 /// Bits of a position. Their order is arbitrary, but equal positions are equal.
-pub(super) type Key = [u64; 3];
+pub(super) type Key = [u32; 3];
 
 fn key(point: &Point3<f64>) -> Key {
     // 0 and -0 are equal.
-    std::array::from_fn(|axis| (point[axis] + 0.0).to_bits())
+    place(point).map(|coordinate| (coordinate + 0.0).to_bits())
 }
 
 fn position(key: &Key) -> Point3<f64> {
-    Point3::from(key.map(f64::from_bits))
+    point(&key.map(f32::from_bits))
 }
 
 impl SurfaceHistory {
@@ -137,7 +148,7 @@ impl SurfaceHistory {
         }
         for &number in &change.placed {
             self.ids[number as usize] = self.positions.len() as u32;
-            self.positions.push(position(number));
+            self.positions.push(place(&position(number)));
         }
         let ids = &self.ids;
         let came = change.added.iter().chain(&change.reshaped);
@@ -155,8 +166,9 @@ impl SurfaceHistory {
         });
         self.clusters.push(clusters.unwrap_or_default());
         self.points.push(elements.points.iter().map(key).collect());
-        let known = self.segments.len().min(elements.segments.len());
-        self.segments.extend_from_slice(&elements.segments[known..]);
+        let new = elements.segments.iter().skip(self.segments.len());
+        self.segments
+            .extend(new.map(|ends| ends.each_ref().map(place)));
         self.segments_until.push(self.segments.len() as u32);
     }
 
@@ -184,9 +196,19 @@ impl SurfaceHistory {
         &self.vertex_counts
     }
 
+    /// Number of segments.
+    pub(super) fn segment_count(&self) -> usize {
+        self.segments.len()
+    }
+
     /// All vertices of all states.
-    pub fn positions(&self) -> &[Point3<f64>] {
-        &self.positions
+    pub(super) fn positions(&self) -> impl ExactSizeIterator<Item = Point3<f64>> + Clone + '_ {
+        self.positions.iter().map(point)
+    }
+
+    /// A vertex.
+    pub(super) fn position(&self, vertex: u32) -> Point3<f64> {
+        point(&self.positions[vertex as usize])
     }
 
     /// All triangles of all states, once per lifetime.
@@ -194,33 +216,44 @@ impl SurfaceHistory {
         self.triangles.records().iter().map(|(corners, _)| *corners)
     }
 
-    /// Segments in the order of keyframes, and their number at each state.
-    pub(super) fn segments(&self) -> (&[[Point3<f64>; 2]], &[u32]) {
-        (&self.segments, &self.segments_until)
+    /// Ends of the segments in the order of keyframes.
+    pub(super) fn segment_ends(&self) -> impl Iterator<Item = Point3<f64>> + Clone + '_ {
+        self.segments.iter().flatten().map(point)
+    }
+
+    /// Number of segments at each state.
+    pub(super) fn segments_until(&self) -> &[u32] {
+        &self.segments_until
     }
 
     /// End points of all clusters of all states.
-    pub(super) fn cluster_ends(&self) -> Vec<Point3<f64>> {
+    pub(super) fn cluster_ends(&self) -> impl Iterator<Item = Point3<f64>> + Clone + '_ {
         let records = self.clusters.records().iter();
-        records
-            .flat_map(|(ends, _)| ends.iter().map(position))
-            .collect()
+        records.flat_map(|(ends, _)| ends.iter().map(position))
     }
 
     /// All points of all states.
-    pub(super) fn point_positions(&self) -> Vec<Point3<f64>> {
+    pub(super) fn point_positions(&self) -> impl Iterator<Item = Point3<f64>> + Clone + '_ {
         let records = self.points.records().iter();
-        records.map(|(key, _)| position(key)).collect()
+        records.map(|(key, _)| position(key))
     }
 
     /// Makes room for another state. Only an even number of states is thinned, so that the last one stays.
     fn thin_when_crowded(&mut self) {
         let states = self.keyframes.len();
-        let most = self.limits.states.max(2) as usize & !1;
-        let is_large = states > 16 && self.triangles.records().len() > self.limits.triangles;
+        let most = self.limits.states.clamp(2, MOST_STATES) as usize & !1;
+        let is_large = states > 16 && self.memory() > self.limits.memory;
         if states >= most || (is_large && states.is_multiple_of(2)) {
             self.thin();
         }
+    }
+
+    /// Memory of what changed, in bytes.
+    fn memory(&self) -> usize {
+        self.triangles.memory()
+            + self.clusters.memory()
+            + self.points.memory()
+            + size_of_val(&self.positions[..])
     }
 
     fn thin(&mut self) {

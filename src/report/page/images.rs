@@ -5,7 +5,7 @@ use image::imageops::FilterType;
 use linecarve_mesh::encode_jpeg;
 use serde::Serialize;
 
-use super::encode::text;
+use super::encode::Base64;
 
 /// Width of a thumbnail in pixels; smaller images keep theirs.
 const WIDTH: u32 = 320;
@@ -18,9 +18,9 @@ const SUBPIXELS: f64 = 32.0;
 #[derive(Debug, Clone, Serialize)]
 pub struct KeyframeImage {
     keyframe: usize,
-    jpeg: String,
+    jpeg: Base64,
     /// Four 16-bit numbers per segment, in 32nds of a pixel of the thumbnail.
-    segments: String,
+    segments: Base64,
 }
 
 /// Creates the thumbnail of a keyframe; `segments_px` are segment ends in the full image.
@@ -46,8 +46,8 @@ pub fn keyframe_image(
     }
     Ok(KeyframeImage {
         keyframe,
-        jpeg: text(&jpeg),
-        segments: text(&segments),
+        jpeg: Base64(jpeg),
+        segments: Base64(segments),
     })
 }
 
@@ -65,7 +65,7 @@ mod tests {
             .iter()
             .flat_map(|v| v.to_le_bytes())
             .collect();
-        assert_eq!(stored.segments, text(&expected));
+        assert_eq!(stored.segments, Base64(expected));
     }
 
     #[test]

@@ -24,7 +24,7 @@ pub use images::{KeyframeImage, keyframe_image};
 pub use texture::PageTexture;
 pub use write::write_page;
 
-pub(crate) use encode::{Positions, text as base64_text};
+pub(crate) use encode::{Base64, Positions};
 pub(crate) use write::{live_page, page_json};
 
 #[cfg(test)]

@@ -27,17 +27,14 @@ fn note(history: &mut SurfaceHistory, surface: &mut TestSurface, faces: &[[u8; 3
 }
 
 /// The triangles of a history at a state, by names and heights of their corners, the smallest first.
-fn at(history: &SurfaceHistory, state: u32) -> Vec<[(u8, u64); 3]> {
+fn at(history: &SurfaceHistory, state: u16) -> Vec<[(u8, u64); 3]> {
     let name = |corner: u32| {
-        let position = history.positions()[corner as usize];
+        let position = history.position(corner);
         (position.x as u8, position.y.to_bits())
     };
     let records = history.triangles.records().iter();
     let mut current: Vec<[(u8, u64); 3]> = records
-        .filter(|(_, lifetime)| {
-            lifetime.first_state <= state
-                && lifetime.end_state.is_none_or(|end_state| state < end_state)
-        })
+        .filter(|(_, lifetime)| lifetime.holds(state))
         .map(|(corners, _)| smallest_first(corners.map(name)))
         .collect();
     current.sort_unstable();
@@ -64,7 +61,7 @@ proptest! {
         most in 2u32..9,
         anew in 0usize..24,
     ) {
-        let limits = HistoryLimits { states: most, triangles: 1000 };
+        let limits = HistoryLimits { states: most, memory: 1 << 20 };
         let mut history = SurfaceHistory::new(limits);
         let mut surface = TestSurface::default();
         for (number, triangles) in states.iter().enumerate() {

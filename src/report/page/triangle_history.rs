@@ -13,7 +13,7 @@ pub(super) struct TriangleHistory {
     records: Vec<([u32; 3], Lifetime)>,
     /// The record of each current face of the surface.
     current: FxHashMap<Face, u32>,
-    states: u32,
+    states: u16,
 }
 
 impl TriangleHistory {
@@ -28,13 +28,10 @@ impl TriangleHistory {
     ) {
         for face in gone {
             if let Some(record) = self.current.remove(&face) {
-                self.records[record as usize].1.end_state = Some(self.states);
+                self.records[record as usize].1.end(self.states);
             }
         }
-        let lifetime = Lifetime {
-            first_state: self.states,
-            end_state: None,
-        };
+        let lifetime = Lifetime::beginning(self.states);
         let mut came: Vec<([u32; 3], Face)> =
             came.into_iter().map(|(face, ids)| (ids, face)).collect();
         came.sort_unstable();
@@ -56,12 +53,9 @@ impl TriangleHistory {
     /// When the number of states is odd: the last one is needed for the next.
     pub(super) fn thin(&mut self) {
         assert!(self.states.is_multiple_of(2), "the last state stays");
-        // The odd states stay; s / 2 of them lie before state s.
-        let mut kept: Vec<([u32; 3], Lifetime, usize)> = Vec::new();
-        for (index, (ids, mut lifetime)) in self.records.drain(..).enumerate() {
-            lifetime.first_state /= 2;
-            lifetime.end_state = lifetime.end_state.map(|end_state| end_state / 2);
-            if lifetime.end_state != Some(lifetime.first_state) {
+        let mut kept: Vec<([u32; 3], Lifetime, u32)> = Vec::new();
+        for (index, (ids, lifetime)) in (0..).zip(std::mem::take(&mut self.records)) {
+            if let Some(lifetime) = lifetime.thinned() {
                 kept.push((ids, lifetime, index));
             }
         }
@@ -69,7 +63,7 @@ impl TriangleHistory {
         let moved: FxHashMap<u32, u32> = (0..)
             .zip(&kept)
             .filter(|(_, (_, lifetime, _))| lifetime.end_state.is_none())
-            .map(|(now, (_, _, before))| (*before as u32, now))
+            .map(|(now, (_, _, before))| (*before, now))
             .collect();
         for record in self.current.values_mut() {
             if let Some(now) = moved.get(record) {
@@ -77,7 +71,7 @@ impl TriangleHistory {
             }
         }
         let records = kept.into_iter().map(|(ids, lifetime, _)| (ids, lifetime));
-        self.records.extend(records);
+        self.records = records.collect();
         self.states /= 2;
     }
 
@@ -86,11 +80,16 @@ impl TriangleHistory {
         &self.records
     }
 
+    /// Memory of the lifetimes, in bytes.
+    pub(super) fn memory(&self) -> usize {
+        size_of_val(&self.records[..])
+    }
+
     /// Number of triangles added with each state.
     pub(super) fn added_counts(&self) -> Vec<u32> {
-        let mut added_counts = vec![0; self.states as usize];
+        let mut added_counts = vec![0; usize::from(self.states)];
         for (_, lifetime) in &self.records {
-            added_counts[lifetime.first_state as usize] += 1;
+            added_counts[usize::from(lifetime.first_state)] += 1;
         }
         added_counts
     }

@@ -53,10 +53,7 @@ fn fill(out: &mut dyn Write, data: &impl Serialize) -> std::io::Result<()> {
             "style" => out.write_all(STYLE.as_bytes())?,
             "licence" => out.write_all(LICENCE.as_bytes())?,
             "script" => out.write_all(VIEWER.as_bytes())?,
-            "data" => {
-                let text = serde_json::to_string(data).map_err(std::io::Error::other)?;
-                out.write_all(inside_script(&text).as_bytes())?;
-            }
+            "data" => serde_json::to_writer(InsideScript(out), data)?,
             unknown => {
                 let message = format!("the page template has the unknown placeholder {unknown}");
                 return Err(std::io::Error::other(message));
@@ -67,9 +64,23 @@ fn fill(out: &mut dyn Write, data: &impl Serialize) -> std::io::Result<()> {
     out.write_all(rest.as_bytes())
 }
 
-/// JSON that cannot end its script element: `<` occurs in strings only and is escaped.
-fn inside_script(json: &str) -> String {
-    json.replace('<', "\\u003c")
+/// Takes JSON that must not end its script element: `<` occurs in strings only and is escaped.
+struct InsideScript<'a>(&'a mut dyn Write);
+
+impl Write for InsideScript<'_> {
+    fn write(&mut self, json: &[u8]) -> std::io::Result<usize> {
+        let mut parts = json.split(|byte| *byte == b'<');
+        self.0.write_all(parts.next().unwrap_or_default())?;
+        for part in parts {
+            self.0.write_all(b"\\u003c")?;
+            self.0.write_all(part)?;
+        }
+        Ok(json.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.0.flush()
+    }
 }
 
 #[cfg(test)]
@@ -78,10 +89,11 @@ mod tests {
 
     #[test]
     fn names_cannot_leave_the_script() {
-        let json = serde_json::to_string("</script><script>alert(1)</script><!--").unwrap();
-        let escaped = inside_script(&json);
-        assert!(!escaped.contains('<'));
-        let back: String = serde_json::from_str(&escaped).unwrap();
+        let mut escaped = Vec::new();
+        let name = "</script><script>alert(1)</script><!--";
+        serde_json::to_writer(InsideScript(&mut escaped), name).unwrap();
+        assert!(!escaped.contains(&b'<'));
+        let back: String = serde_json::from_slice(&escaped).unwrap();
         assert_eq!(back, "</script><script>alert(1)</script><!--");
     }
 
