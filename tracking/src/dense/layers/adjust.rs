@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::layer::{DepthLayer, LayerPlacement, PlacedSurface};
 use super::pair::{MEDIAN_OVER_SIGMA, PairEquations, UNKNOWNS, disagreement, equations};
 use super::pairs::{LayerPair, pairs};
+use super::scale::keep_scale_of_path;
 use super::solve::LayerSystem;
 
 /// What of the layers is corrected, beside their poses.
@@ -65,6 +66,10 @@ const FIRST_SIGMAS: [f64; 4] = [0.1, 0.05, 0.2, 0.1];
 const SMALLEST_SHARE: f64 = 0.01;
 
 impl LayerModel {
+    fn has_free_scales(self) -> bool {
+        self != Self::Poses
+    }
+
     fn is_free(self) -> [bool; UNKNOWNS] {
         let (scale, inverse_shift, shift) = match self {
             Self::Poses => (false, false, false),
@@ -82,7 +87,8 @@ impl LayerModel {
 ///
 /// The distances of points of one layer from the planes of another are minimised by Gauss-Newton with Cauchy's weights. Poses, and the scale
 /// and shift of each depth, are expected to be near the given ones; how near is estimated with them. Distances that the noise of depth
-/// explains are left as they are. Poses alone are tried first, then scales, then shifts, while that brings held-back layers closer.
+/// explains are left as they are. Poses alone are tried first, then scales, then shifts, while that brings held-back layers closer. The path
+/// keeps its scale.
 ///
 /// # Complexity
 /// Linear in the overlaps, of which a layer has eight at most; quadratic in the layers for finding them.
@@ -157,6 +163,9 @@ pub fn align_layers(layers: &[DepthLayer]) -> LayerAlignment {
         estimation.placements.clone_from(&alignment.placements);
     }
     alignment.after = best;
+    if alignment.model.is_some_and(LayerModel::has_free_scales) {
+        keep_scale_of_path(layers, &mut alignment.placements);
+    }
     if best > WORTH * before {
         alignment.model = None;
         alignment.placements = layers

@@ -8,6 +8,7 @@ mod adjust;
 mod layer;
 mod pair;
 mod pairs;
+mod scale;
 mod solve;
 
 #[cfg(test)]
