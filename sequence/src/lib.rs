@@ -23,6 +23,7 @@ mod layouts;
 mod live;
 mod load;
 mod model;
+mod named_files;
 mod npy;
 mod open;
 mod pose_convention;

@@ -3,6 +3,7 @@
 //! Poses are world from camera with OpenGL axes (x right, y up, z backward). The corner of the first pixel is (0, 0), as
 //! in COLMAP.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use linecarve_lines::camera::{Camera, Distortion};
@@ -15,6 +16,7 @@ use super::super::image_file::image_size;
 use super::super::layout::{
     Folder, IMAGE_EXTENSIONS, Layout, PoseSource, RecordedFrame, Recording, image_stem,
 };
+use super::super::named_files::NamedFiles;
 use super::super::text::TextFile;
 use super::super::warning::WarningCounter;
 use super::super::{SequenceError, rigid};
@@ -41,6 +43,8 @@ struct Intrinsics {
     p2: Option<f64>,
     camera_angle_x: Option<f64>,
     camera_model: Option<String>,
+    /// The same in files of instant-ngp.
+    is_fisheye: Option<bool>,
 }
 
 #[derive(Deserialize)]
@@ -108,13 +112,15 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
         path: path.to_owned(),
         problem,
     };
-    let (mut missing, mut not_rigid) = (WarningCounter::default(), WarningCounter::default());
+    let [mut missing, mut not_rigid, mut without_depth] =
+        std::array::from_fn(|_| WarningCounter::default());
+    let mut files = FramesOfFiles::new(folder.path());
     let mut cameras: Vec<CalibratedCamera> = Vec::new();
     let mut uses: Vec<usize> = Vec::new();
     let mut frames = Vec::new();
     let total = file.frames.len();
     for (number, entry) in file.frames.iter().enumerate() {
-        let Some(color) = find_image(folder.path(), &entry.file_path) else {
+        let Some(color) = files.find(number, &entry.file_path).map_err(content)? else {
             missing.add(super::super::text::shorten(&entry.file_path));
             continue;
         };
@@ -144,6 +150,16 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
                 cameras.len() - 1
             });
         uses[at] += 1;
+        let depth = match &entry.depth_file_path {
+            Some(name) => {
+                let found = files.find(number, name).map_err(content)?;
+                if found.is_none() {
+                    without_depth.add(super::super::text::shorten(name));
+                }
+                found
+            }
+            None => None,
+        };
         frames.push(RecordedFrame {
             name: image_stem(&entry.file_path)
                 .unwrap_or(&entry.file_path)
@@ -154,11 +170,7 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
             timestamp_ns: number as i64,
             pose: Some(pose),
             color,
-            depth: entry
-                .depth_file_path
-                .as_deref()
-                .map(|name| folder.path().join(name))
-                .filter(|path| path.is_file()),
+            depth,
             right: None,
             camera: Some(at as u32),
         });
@@ -202,6 +214,10 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
     recording
         .warnings
         .extend(missing.into_warning(total, "images do not exist and were skipped"));
+    recording.warnings.extend(without_depth.into_warning(
+        total,
+        "images have no depth: the file that depth_file_path names does not exist",
+    ));
     recording
         .warnings
         .extend(not_rigid.into_warning(total, "poses are not rigid transforms and were skipped"));
@@ -213,17 +229,35 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
     Ok(recording)
 }
 
-/// Path of an image; names may lack the extension or have backslashes.
-fn find_image(folder: &Path, name: &str) -> Option<PathBuf> {
-    let name = name.replace('\\', "/");
-    let plain = folder.join(name.trim_start_matches("./"));
-    if plain.is_file() {
-        return Some(plain);
+/// The files that frames name. Two frames that are found at one file by a part of their paths are refused: it belongs to one of them.
+struct FramesOfFiles<'a> {
+    files: NamedFiles<'a>,
+    shortened: HashMap<PathBuf, usize>,
+}
+
+impl<'a> FramesOfFiles<'a> {
+    fn new(folder: &'a Path) -> Self {
+        Self {
+            files: NamedFiles::new(folder, &IMAGE_EXTENSIONS),
+            shortened: HashMap::new(),
+        }
     }
-    IMAGE_EXTENSIONS
-        .iter()
-        .map(|extension| folder.join(format!("{}.{extension}", name.trim_start_matches("./"))))
-        .find(|path| path.is_file())
+
+    fn find(&mut self, number: usize, name: &str) -> Result<Option<PathBuf>, String> {
+        let Some(file) = self.files.find(name) else {
+            return Ok(None);
+        };
+        if file.is_shortened
+            && let Some(other) = self.shortened.insert(file.path.clone(), number)
+        {
+            return Err(format!(
+                "frames {other} and {number} name files that are not there, and {} is found for both: write names that are relative to \
+                 this file",
+                file.path.display()
+            ));
+        }
+        Ok(Some(file.path))
+    }
 }
 
 fn pose(rows: &[Vec<f64>]) -> Result<Isometry3<f64>, String> {
@@ -276,11 +310,16 @@ fn camera(own: &Intrinsics, shared: &Intrinsics, image: &Path) -> Result<Calibra
         pick(|i| i.p2),
     ]
     .map(|value| value.unwrap_or(0.0));
+    let is_fisheye = own.is_fisheye.or(shared.is_fisheye).unwrap_or(false);
     let model = own
         .camera_model
         .as_deref()
         .or(shared.camera_model.as_deref())
-        .unwrap_or("OPENCV");
+        .unwrap_or(if is_fisheye {
+            "OPENCV_FISHEYE"
+        } else {
+            "OPENCV"
+        });
     let distortion = match model {
         "OPENCV_FISHEYE" => Distortion::KannalaBrandt { k1, k2, k3, k4 },
         "OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "perspective" => {
