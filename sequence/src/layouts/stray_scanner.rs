@@ -2,7 +2,7 @@
 //!
 //! The colour images are a video. Its pictures are read from `rgb/`, or from the folder to which the program unpacked them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use nalgebra::Isometry3;
@@ -108,15 +108,15 @@ fn video_first(folder: &Folder) -> SequenceError {
     }
 }
 
-/// Whether the pictures have the numbers that a decoder gives by default, from 1: the frames have another first and last.
+/// Whether the pictures have the numbers that a decoder gives by default, from 1: the first frame has none, and the last has one more.
 fn are_counted_from_one(pictures: &[RecordedFrame], rows: &BTreeMap<u64, Row>) -> bool {
     let numbers = || {
         pictures
             .iter()
             .filter_map(|frame| images::number_of(&frame.name))
     };
-    let last = rows.keys().next_back().map(|last| last + 1);
-    rows.contains_key(&0) && numbers().min() == Some(1) && numbers().max() == last
+    let last = rows.keys().next_back().copied();
+    rows.contains_key(&0) && numbers().min() == Some(1) && numbers().max() > last
 }
 
 /// Gives each picture the number before its own, and the depth image of that.
@@ -193,9 +193,11 @@ fn joined(
     let total = frames.len();
     let (mut missing, mut invalid) = (WarningCounter::default(), WarningCounter::default());
     let mut kept = Vec::new();
+    let mut used = BTreeSet::new();
     for mut frame in frames {
-        let row = images::number_of(&frame.name).and_then(|number| rows.get(&number));
-        let Some(row) = row else {
+        let number = images::number_of(&frame.name);
+        used.extend(number);
+        let Some(row) = number.and_then(|number| rows.get(&number)) else {
             missing.add(frame.name);
             continue;
         };
@@ -224,6 +226,11 @@ fn joined(
             ),
         });
     }
+    let mut unused = WarningCounter::default();
+    for number in rows.keys().filter(|number| !used.contains(number)) {
+        unused.add(number.to_string());
+    }
+    warnings.extend(unused.into_warning(rows.len(), "frames of odometry.csv have no picture"));
     warnings.extend(missing.into_warning(
         total,
         "images have no pose in odometry.csv and were skipped",
