@@ -233,20 +233,28 @@ impl TimedPoses {
                 reference: reference.poses.len(),
             });
         }
-        let reference_stamps = stamps(&reference.poses);
-        let frames = reference.frames.as_ref().unwrap_or(&reference_stamps);
-        let pairs: Vec<Pair> = self
-            .poses
-            .iter()
-            .filter_map(|(stamp, estimated)| {
-                let partner = nearest(&reference_stamps, *stamp, MAX_DIFFERENCE_NS)?;
-                Some(Pair {
-                    frame: nearest(frames, *stamp, u64::MAX)?,
-                    estimated: *estimated,
-                    truth: reference.poses[partner].1,
-                })
-            })
-            .collect();
+        let mut pairs = self.pairs_in_time(reference);
+        let most = self.poses.len().min(reference.poses.len());
+        if 2 * pairs.len() < most {
+            let others = TIME_FACTORS.into_iter().flat_map(|factor| {
+                [
+                    self.with_time(factor).pairs_in_time(reference),
+                    self.pairs_in_time(&reference.with_time(factor)),
+                ]
+            });
+            let frames_of = |pairs: &Vec<Pair>| {
+                pairs
+                    .iter()
+                    .map(|pair| pair.frame)
+                    .collect::<BTreeSet<_>>()
+                    .len()
+            };
+            let best = others.max_by_key(frames_of);
+            // Where all times become one, many poses have one partner.
+            if let Some(best) = best.filter(|best| 2 * frames_of(best) >= most) {
+                pairs = best;
+            }
+        }
         if pairs.len() < 3 {
             return Err(ComparisonError::TooFewPairs {
                 pairs: pairs.len(),
@@ -257,7 +265,42 @@ impl TimedPoses {
         Ok(pairs)
     }
 
-    /// Errors of these poses against a reference. Each pose is compared with the nearest in time, within 20 ms.
+    /// Poses and those of a reference nearest in time.
+    fn pairs_in_time(&self, reference: &Self) -> Vec<Pair> {
+        let reference_stamps = stamps(&reference.poses);
+        let frames = reference.frames.as_ref().unwrap_or(&reference_stamps);
+        let pairs = self.poses.iter().filter_map(|(stamp, estimated)| {
+            let partner = nearest(&reference_stamps, *stamp, MAX_DIFFERENCE_NS)?;
+            Some(Pair {
+                frame: nearest(frames, *stamp, u64::MAX)?,
+                estimated: *estimated,
+                truth: reference.poses[partner].1,
+            })
+        });
+        pairs.collect()
+    }
+
+    /// The same with times in another unit; none of those that do not fit.
+    fn with_time(&self, [times, over]: [i64; 2]) -> Self {
+        let changed = |stamp: i64| {
+            let stamp = i128::from(stamp) * i128::from(times) / i128::from(over);
+            i64::try_from(stamp).ok()
+        };
+        let poses = self.poses.iter();
+        Self {
+            poses: poses
+                .filter_map(|(stamp, pose)| Some((changed(*stamp)?, *pose)))
+                .collect(),
+            frames: self
+                .frames
+                .as_ref()
+                .map(|frames| frames.iter().filter_map(|stamp| changed(*stamp)).collect()),
+            is_counted: self.is_counted,
+        }
+    }
+
+    /// Errors of these poses against a reference. Each pose is compared with the nearest in time, within 20 ms. If most poses have none, times in
+    /// other units are tried.
     ///
     /// # Errors
     /// If fewer than three poses are associated, or the positions determine no alignment.
@@ -298,6 +341,16 @@ impl TimedPoses {
         })
     }
 }
+
+/// Ratios of the units of time, from seconds to nanoseconds.
+const TIME_FACTORS: [[i64; 2]; 6] = [
+    [1000, 1],
+    [1_000_000, 1],
+    [1_000_000_000, 1],
+    [1, 1000],
+    [1, 1_000_000],
+    [1, 1_000_000_000],
+];
 
 /// A time in nanoseconds, and the pose then.
 type Timed = (i64, Isometry3<f64>);

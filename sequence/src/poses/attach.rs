@@ -69,7 +69,7 @@ pub(in super::super) fn attach_file(
 ///
 /// Stamped poses are associated one-to-one with the nearest frames within 0.02 s. If that leaves most frames without a
 /// pose, other units of the stamps are tried, and the unit that associates the most is used. If frames have numbers but
-/// no times, integer stamps count as numbers; otherwise poses are assigned in order. If some images have no pose of their number, but
+/// no times, integer stamps count as numbers, if each image has one or each line is that of an image; otherwise poses are assigned in order. If some images have no pose of their number, but
 /// there are as many poses as images, they are assigned in order and the join by number is returned as well.
 ///
 /// # Errors
@@ -122,6 +122,8 @@ pub(in super::super) fn attach(
             let by_number = numbered.map(|rows| by_number(&frames, &rows));
             match by_number {
                 Some(posed) if posed.iter().all(Option::is_some) => posed,
+                // A part of the images: each line has the number of one.
+                Some(posed) if rows.len() < total && count(&posed) == rows.len() => posed,
                 by_number => {
                     let posed =
                         in_order(rows.iter().map(|row| Some(row.1)).collect(), &frames, path)?;
@@ -210,6 +212,10 @@ fn are_counted(frames: &[RecordedFrame], rows: &[(Stamp, Isometry3<f64>)]) -> bo
             .windows(2)
             .all(|pair| pair[1].timestamp_ns - pair[0].timestamp_ns == SECOND_NS)
         && numbers.is_some_and(|numbers| numbers.windows(2).all(|pair| pair[1] == pair[0] + 1))
+}
+
+fn count(posed: &[Option<Isometry3<f64>>]) -> usize {
+    posed.iter().flatten().count()
 }
 
 fn has_any(posed: &[Option<Isometry3<f64>>]) -> bool {

@@ -43,10 +43,13 @@ pub(super) struct Columns {
     pose: PoseFields,
 }
 
-/// Fields of a line. Between commas a field may be empty, so that further fields keep their number.
+/// Fields of a line. Between commas a field may be empty, so that further fields keep their number, and quoted.
 pub(super) fn fields<'a>(row: &TextLine<'a>) -> Vec<&'a str> {
     let text = row.text();
-    let by_comma: Vec<&str> = text.split(',').map(str::trim).collect();
+    let by_comma: Vec<&str> = text
+        .split(',')
+        .map(|field| field.trim().trim_matches('"'))
+        .collect();
     let is_table = by_comma.len() > 1
         && by_comma
             .iter()
@@ -196,11 +199,39 @@ impl Columns {
 fn by_head(file: &TextFile, rows: &[TextLine]) -> Option<Columns> {
     /// Ends of the names of position and quaternion, x first.
     const NAMES: [&[&str]; 7] = [
-        &["position.x", "p_rs_r_x", "tx", "pos_x", "p_x", "px"],
-        &["position.y", "p_rs_r_y", "ty", "pos_y", "p_y", "py"],
-        &["position.z", "p_rs_r_z", "tz", "pos_z", "p_z", "pz"],
+        &[
+            "position.x",
+            "translation.x",
+            "p_rs_r_x",
+            "tx",
+            "pos_x",
+            "p_x",
+            "px",
+            "x",
+        ],
+        &[
+            "position.y",
+            "translation.y",
+            "p_rs_r_y",
+            "ty",
+            "pos_y",
+            "p_y",
+            "py",
+            "y",
+        ],
+        &[
+            "position.z",
+            "translation.z",
+            "p_rs_r_z",
+            "tz",
+            "pos_z",
+            "p_z",
+            "pz",
+            "z",
+        ],
         &[
             "orientation.x",
+            "rotation.x",
             "q_rs_x",
             "qx",
             "quat_x",
@@ -209,6 +240,7 @@ fn by_head(file: &TextFile, rows: &[TextLine]) -> Option<Columns> {
         ],
         &[
             "orientation.y",
+            "rotation.y",
             "q_rs_y",
             "qy",
             "quat_y",
@@ -217,6 +249,7 @@ fn by_head(file: &TextFile, rows: &[TextLine]) -> Option<Columns> {
         ],
         &[
             "orientation.z",
+            "rotation.z",
             "q_rs_z",
             "qz",
             "quat_z",
@@ -225,6 +258,7 @@ fn by_head(file: &TextFile, rows: &[TextLine]) -> Option<Columns> {
         ],
         &[
             "orientation.w",
+            "rotation.w",
             "q_rs_w",
             "qw",
             "quat_w",
@@ -238,7 +272,7 @@ fn by_head(file: &TextFile, rows: &[TextLine]) -> Option<Columns> {
         .trim_start_matches(['#', '%'])
         .to_ascii_lowercase()
         .split([',', ' ', '\t', ';'])
-        .map(|name| name.trim().to_owned())
+        .map(|name| name.trim().trim_matches('"').replace('/', "."))
         .filter(|name| !name.is_empty() && !name.starts_with(['[', '(']))
         .collect();
     let count = fields(rows.first()?).len();
