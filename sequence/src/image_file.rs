@@ -5,7 +5,7 @@ use std::io::{Cursor, Read};
 use std::path::Path;
 
 use image::metadata::Orientation;
-use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader};
 use linecarve_lines::image::{GrayImage, Plane};
 use linecarve_mesh::files::open_regular;
 
@@ -80,6 +80,23 @@ pub(super) fn orientation(path: &Path) -> Option<Orientation> {
     let reader = ImageReader::with_format(Cursor::new(bytes.as_slice()), format);
     let found = reader.into_decoder().ok()?.orientation().ok()?;
     (found != Orientation::NoTransforms).then_some(found)
+}
+
+/// Whether an image has the kind of values of depth: 16 bits in one channel, or an array or map of floating-point values.
+pub(super) fn is_like_depth(path: &Path) -> bool {
+    let extension = path.extension().and_then(|end| end.to_str());
+    if extension.is_some_and(|end| ["npy", "exr", "pfm"].contains(&end)) {
+        return true;
+    }
+    let Ok(bytes) = read_once(path) else {
+        return false;
+    };
+    let Ok(format) = image::guess_format(&bytes) else {
+        return false;
+    };
+    let reader = ImageReader::with_format(Cursor::new(bytes.as_slice()), format);
+    let decoder = reader.into_decoder();
+    decoder.is_ok_and(|decoder| decoder.color_type() == ColorType::L16)
 }
 
 /// Whether an orientation exchanges width and height.

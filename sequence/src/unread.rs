@@ -1,14 +1,14 @@
 //! Files that look like poses, depth or calibration and that no reader used: none is passed over in silence.
 
 use std::collections::BTreeSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use super::layout::{Folder, image_stem};
-use super::poses;
+use super::layout::{Folder, IMAGE_EXTENSIONS, image_stem};
 use super::sidecar::SIDECAR_FILE;
-use super::{Sequence, Warning, foreign};
+use super::{Sequence, Warning, container, foreign};
+use super::{image_file, poses};
 
 /// What a file says about a sequence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -122,6 +122,21 @@ pub(super) fn find(folder: &Folder, sequence: &Sequence, given: GivenRoles) -> V
         is_trajectory: false,
         is_missed: !has(FileRole::Poses),
     });
+    let below = match has(FileRole::Poses) {
+        true => None,
+        false => trajectory_below(folder, &used).map(|name| UnreadFile {
+            role: FileRole::Poses,
+            name,
+            is_trajectory: true,
+            is_missed: true,
+        }),
+    };
+    let beside = depth_beside_images(sequence).map(|name| UnreadFile {
+        role: FileRole::Depth,
+        name,
+        is_trajectory: false,
+        is_missed: !has(FileRole::Depth),
+    });
     let others = folder
         .names()
         .iter()
@@ -140,7 +155,75 @@ pub(super) fn find(folder: &Folder, sequence: &Sequence, given: GivenRoles) -> V
                 is_missed: !has(role),
             })
         });
-    others.chain(of_images.filter(|_| !given.poses)).collect()
+    let of_poses = of_images.into_iter().chain(below);
+    others
+        .chain(of_poses.filter(|_| !given.poses))
+        .chain(beside)
+        .collect()
+}
+
+/// The first trajectory in a folder of the folder, by its name.
+fn trajectory_below(folder: &Folder, used: &BTreeSet<String>) -> Option<String> {
+    let is_looked_into = |name: &&String| !folder.is_claimed(name) && !used.contains(name.as_str());
+    folder
+        .names()
+        .iter()
+        .filter(is_looked_into)
+        .find_map(|name| {
+            let inside = Folder::list(&folder.path().join(name)).ok()?;
+            let is_trajectory = |file: &&String| {
+                role_of_file(&file.to_ascii_lowercase()) == Some(FileRole::Poses)
+                    && poses::is_trajectory(&inside.path().join(file))
+            };
+            let file = inside.names().iter().find(is_trajectory)?;
+            Some(format!("{name}/{file}"))
+        })
+}
+
+/// A depth image that no frame has, with the name of the first image and another extension.
+fn depth_beside_images(sequence: &Sequence) -> Option<String> {
+    let first = sequence.frames().first()?;
+    let stem = image_stem(first.color.file_name()?.to_str()?)?;
+    let is_used = |path: &PathBuf| {
+        let depth_or_right = [&first.depth, &first.right].into_iter().flatten();
+        std::iter::once(&first.color)
+            .chain(depth_or_right)
+            .any(|used| used == path)
+    };
+    let beside = IMAGE_EXTENSIONS
+        .iter()
+        .map(|extension| first.color.with_file_name(format!("{stem}.{extension}")))
+        .find(|path| path.is_file() && !is_used(path) && image_file::is_like_depth(path))?;
+    let inside = beside.strip_prefix(sequence.folder()).ok()?;
+    Some(inside.to_str()?.to_owned())
+}
+
+/// Whether a file has arrays or values whose names are those of poses.
+fn speaks_of_poses(path: &Path, lower: &str) -> bool {
+    const MAX_BYTES: u64 = 16 << 20;
+    const WORDS: [&str; 8] = [
+        "pose",
+        "extrinsic",
+        "transform_matrix",
+        "c2w",
+        "w2c",
+        "cam2world",
+        "world2cam",
+        "world_mat",
+    ];
+    if lower.ends_with(".npz") {
+        return container::names(path).is_ok_and(|names| {
+            let is_pose = |name: &String| WORDS.iter().any(|word| name.contains(word));
+            names.iter().any(is_pose)
+        });
+    }
+    let is_small =
+        std::fs::metadata(path).is_ok_and(|meta| meta.is_file() && meta.len() < MAX_BYTES);
+    if !(lower.ends_with(".json") && is_small) {
+        return false;
+    }
+    let text = std::fs::read_to_string(path).unwrap_or_default();
+    WORDS.iter().any(|word| text.contains(&format!("\"{word}")))
 }
 
 /// Says which files of a folder look like calibration, which no layout read.
@@ -208,6 +291,9 @@ fn role_of(folder: &Folder, name: &str) -> Option<(FileRole, bool)> {
     } else {
         role_of_file(&lower)
     };
+    if role != Some(FileRole::Calibration) && speaks_of_poses(&path, &lower) {
+        return Some((FileRole::Poses, false));
+    }
     if let Some(role @ (FileRole::Depth | FileRole::Calibration)) = role {
         return Some((role, false));
     }
