@@ -103,12 +103,20 @@ pub fn open_with_or_without_poses(
         Err(error) if may_lack_poses(options, &error) => {
             match open_with_assumed_focal(path, options) {
                 Ok(sequence) => Ok((sequence, Some(no_poses(&error)))),
-                // Without images either, the first error says more.
-                Err(_) => Err(error),
+                Err(second) if lacks_images(&second) => Err(error),
+                Err(second) => Err(second),
             }
         }
         Err(error) => Err(error),
     }
+}
+
+/// Whether nothing was found without poses either: then the error with poses says more.
+fn lacks_images(error: &SequenceError) -> bool {
+    matches!(
+        error,
+        SequenceError::NoFrames { .. } | SequenceError::UnknownLayout { .. }
+    )
 }
 
 /// Says that there are no poses, and why not.
