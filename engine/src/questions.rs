@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use linecarve_sequence::{FileRole, FrameError, Sequence, contradiction};
+use linecarve_sequence::{FileRole, FrameError, Sequence, check_images};
 
 /// The files that a surface needs.
 pub(crate) const ROLES_OF_SURFACE: [FileRole; 3] =
@@ -32,7 +32,8 @@ pub enum QuestionError {
     Frame(#[from] FrameError),
 }
 
-/// Asks about a sequence as it was read, for a run that needs files of some roles. With `accept_as_is` the doubts become warnings.
+/// Asks about a sequence as it was read, for a run that needs files of some roles. Returns warnings; with `accept_as_is` the doubts are among
+/// them.
 ///
 /// # Errors
 /// The first doubt, and if an image makes the whole sequence unusable.
@@ -47,10 +48,14 @@ pub(crate) fn ask(
         .filter(|file| file.is_missed && roles.contains(&file.role))
         .map(|file| file.problem(sequence.folder()));
     let mut doubts: Vec<String> = missed.collect();
+    let mut warnings = Vec::new();
     if doubts.is_empty() || accept_as_is {
-        doubts.extend(contradiction(sequence)?);
+        let check = check_images(sequence)?;
+        doubts.extend(check.contradiction);
+        warnings.extend(check.warning);
     }
     if accept_as_is || doubts.is_empty() {
+        doubts.extend(warnings);
         return Ok(doubts);
     }
     Err(Doubt {

@@ -47,8 +47,8 @@ pub use depth_values::DepthValues;
 pub use error::{FrameError, SequenceError};
 pub use inspect::{
     CameraFacts, DepthConsistency, DepthFacts, DepthHypothesis, EpipolarFacts, EpipolarHypothesis,
-    ImageFacts, InspectOptions, MapPointFacts, MotionFacts, RegistrationFacts, SequenceFacts,
-    contradiction, inspect,
+    ImageCheck, ImageFacts, InspectOptions, MapPointFacts, MotionFacts, RegistrationFacts,
+    SequenceFacts, check_images, inspect,
 };
 pub use keyframes::{
     KeyframeListError, KeyframeOptions, KeyframeOptionsError, OnlineKeyframes, every_nth,

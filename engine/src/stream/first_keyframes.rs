@@ -1,6 +1,6 @@
 //! What the images of the first keyframes say about the poses, depth scale and calibration of a session.
 
-use linecarve_sequence::{Sequence, contradiction};
+use linecarve_sequence::{Sequence, check_images};
 
 /// Keyframes after which a session asks its images; a shorter one asks at its end.
 const KEYFRAMES: usize = 10;
@@ -14,7 +14,7 @@ pub(super) struct FirstKeyframes {
     added: usize,
     is_asked: bool,
     contradiction: Option<String>,
-    /// The contradiction, until a reply said it.
+    /// The contradiction, or what is doubtful, until a reply said it.
     unreported: Option<String>,
 }
 
@@ -31,9 +31,10 @@ impl FirstKeyframes {
     pub(super) fn ask(&mut self, sequence: Option<&Sequence>) {
         if !self.is_asked && self.added >= FEWEST {
             // The session has accepted the images: what cannot be compared contradicts nothing.
-            self.contradiction =
-                sequence.and_then(|sequence| contradiction(sequence).ok().flatten());
-            self.unreported.clone_from(&self.contradiction);
+            let check = sequence.and_then(|sequence| check_images(sequence).ok());
+            let check = check.unwrap_or_default();
+            self.unreported = check.contradiction.clone().or(check.warning);
+            self.contradiction = check.contradiction;
         }
         self.is_asked = true;
     }
@@ -48,7 +49,7 @@ impl FirstKeyframes {
         self.contradiction.as_ref()
     }
 
-    /// The contradiction, once.
+    /// The contradiction, or what is doubtful, once.
     pub(super) fn take_unreported(&mut self) -> Option<String> {
         self.unreported.take()
     }

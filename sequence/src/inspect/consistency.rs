@@ -170,7 +170,7 @@ pub(super) fn measure(
 }
 
 /// What a few pairs of depth images say about the convention as read.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) enum DepthVerdict {
     /// They agree.
     Agrees,
@@ -185,6 +185,8 @@ pub(super) enum DepthVerdict {
     },
     /// They disagree by far more than noise and drift, and no alternative says how.
     Unexplained(String),
+    /// They disagree by this share of the depth, as those of a model with free scales do, and those with poses of other times.
+    Disagrees(f64),
     /// They do not tell.
     Unknown,
 }
@@ -227,6 +229,9 @@ pub(super) fn verdict(
         return Ok(match unexplained(&as_read) {
             Some(text) => DepthVerdict::Unexplained(text),
             None if is_good => DepthVerdict::Agrees,
+            None if is_compared && as_read.median_relative > FITS => {
+                DepthVerdict::Disagrees(as_read.median_relative)
+            }
             None => DepthVerdict::Unknown,
         });
     };

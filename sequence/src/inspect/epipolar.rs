@@ -116,19 +116,43 @@ impl EpipolarFacts {
     }
 }
 
-/// What contradicts the matched corners of a few pairs of images: the simplest of the best alternatives, in words. Alternatives are only
-/// tried if the poses as read do not fit.
+/// What the matched corners of a few pairs of images say about the poses as read.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum CornerVerdict {
+    /// They fit.
+    Fits,
+    /// The simplest of the best alternatives, in words.
+    Contradicts(String),
+    /// They do not fit, and nothing else is much better.
+    Poor {
+        /// How far corners are off, in words.
+        text: String,
+        /// The same as a share of the width of the image.
+        share: f64,
+    },
+}
+
+impl CornerVerdict {
+    /// Whether corners are so far off that poses are too poor to triangulate.
+    pub(super) fn is_bad(&self) -> bool {
+        matches!(self, Self::Poor { share, .. } if *share > BAD)
+    }
+}
+
+/// Compares a few pairs of images. Alternatives are only tried if the poses as read do not fit.
 ///
 /// `None` if there are too few matches to tell.
-pub(super) fn contradiction(
-    sequence: &Sequence,
-    pairs: &[CornerPair<'_>],
-) -> Option<Option<String>> {
+pub(super) fn verdict(sequence: &Sequence, pairs: &[CornerPair<'_>]) -> Option<CornerVerdict> {
     let matched = Matched::of(sequence, pairs)?;
     if matched.fits_as_read() {
-        return Some(None);
+        return Some(CornerVerdict::Fits);
     }
-    Some(contradiction_of(sequence, &matched.facts()?))
+    let facts = matched.facts()?;
+    let contradiction = contradiction_of(sequence, &facts).map(CornerVerdict::Contradicts);
+    Some(contradiction.unwrap_or_else(|| CornerVerdict::Poor {
+        text: facts.poor(),
+        share: facts.as_read.median_px / facts.width as f64,
+    }))
 }
 
 fn contradiction_of(sequence: &Sequence, facts: &EpipolarFacts) -> Option<String> {

@@ -7,6 +7,9 @@ use super::depth_alternatives::rounded;
 /// Ratio of the focal lengths that are tried.
 pub(super) const FOCAL_STEP: f64 = 1.06;
 
+/// Focal lengths that differ by more than this share are not those of square pixels.
+const NOT_SQUARE: f64 = 0.03;
+
 /// Focal lengths on either side of that of the files.
 const FOCAL_STEPS: i32 = 24;
 
@@ -39,15 +42,22 @@ pub(super) fn focal_hypotheses(camera: &Camera, size: [u32; 2]) -> Vec<Camera> {
         }
         pinhole(factor * camera.fx(), factor * camera.fy(), c)
     });
+    let read = [camera.fx(), camera.fy()];
     let of_focal = (-FOCAL_STEPS..=FOCAL_STEPS)
-        .filter(|step| *step != 0)
         .flat_map(|step| {
             let factor = FOCAL_STEP.powi(step);
-            let focal = [factor * camera.fx(), factor * camera.fy()];
-            [[camera.cx(), camera.cy()], center].map(|c| pinhole(focal[0], focal[1], c))
+            let focals = square_pixels(read).into_iter().chain([read]);
+            focals.map(move |focal| focal.map(|f| factor * f))
         })
+        .filter(|focal| *focal != read)
+        .flat_map(|[fx, fy]| [[camera.cx(), camera.cy()], center].map(|c| pinhole(fx, fy, c)))
         .flatten();
     of_size.chain(of_focal).collect()
+}
+
+/// Focal lengths of pixels as wide as high, if those read are not: one of them was scaled for another shape of the image.
+fn square_pixels([fx, fy]: [f64; 2]) -> Option<[f64; 2]> {
+    ((fx / fy - 1.0).abs() > NOT_SQUARE).then_some([fx, fx])
 }
 
 /// Cameras with focal lengths within a ratio of that of `camera`.

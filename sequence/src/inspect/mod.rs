@@ -12,8 +12,8 @@ mod intrinsics_hypotheses;
 mod pose_hypotheses;
 mod registration;
 
-pub use check::contradiction;
 pub(super) use check::epipolar_median;
+pub use check::{ImageCheck, check_images};
 pub use consistency::{DepthConsistency, DepthHypothesis};
 pub use epipolar::{EpipolarFacts, EpipolarHypothesis};
 pub use facts::{CameraFacts, DepthFacts, ImageFacts, MapPointFacts, MotionFacts, SequenceFacts};

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use linecarve_sequence::{FileRole, OpenOptions, Sequence, contradiction};
+use linecarve_sequence::{FileRole, OpenOptions, Sequence, check_images};
 use nalgebra::Isometry3;
 
 use crate::folder_writers::{
@@ -26,7 +26,7 @@ fn assert_right(sequence: &Sequence, layout: &str, scale: f64) {
         assert!(off.translation.vector.norm() < 1e-5, "{}", frame.name);
         assert!(frame.depth.is_some(), "{}", frame.name);
     }
-    assert_eq!(contradiction(sequence).unwrap(), None);
+    assert_eq!(check_images(sequence).unwrap().contradiction, None);
     assert!(
         sequence.unread_files().iter().all(|file| !file.is_missed),
         "{:?}",
@@ -80,7 +80,7 @@ fn depth_of_scannet_has_its_own_camera() {
     assert!(!depth.registered);
     assert_eq!(depth.camera.fx(), FOCAL);
     assert_eq!(sequence.color_camera().fx(), 2.0 * FOCAL);
-    assert_eq!(contradiction(&sequence).unwrap(), None);
+    assert_eq!(check_images(&sequence).unwrap().contradiction, None);
 }
 
 #[test]
@@ -374,9 +374,16 @@ fn a_convention_that_contradicts_the_depth_is_named_with_its_remedy() {
     ];
     for (name, broken, line) in breaks {
         let folder = folder_with(|root| write_tum(root, 12));
-        assert_eq!(contradiction(&open(folder.path()).unwrap()).unwrap(), None);
+        assert_eq!(
+            check_images(&open(folder.path()).unwrap())
+                .unwrap()
+                .contradiction,
+            None
+        );
         broken(folder.path());
-        let text = contradiction(&open(folder.path()).unwrap()).unwrap();
+        let text = check_images(&open(folder.path()).unwrap())
+            .unwrap()
+            .contradiction;
         let text = text.unwrap_or_else(|| panic!("{name} is not noticed"));
         assert!(text.contains(line), "{name}: {text}");
         // The lines of the remedy are those that a sidecar takes.
@@ -396,7 +403,11 @@ fn a_convention_that_contradicts_the_depth_is_named_with_its_remedy() {
             kept.map(|part| format!("[{part}")).collect::<String>() + "\n" + &lines
         });
         let sequence = open(folder.path()).unwrap_or_else(|error| panic!("{name}: {error}"));
-        assert_eq!(contradiction(&sequence).unwrap(), None, "{name}");
+        assert_eq!(
+            check_images(&sequence).unwrap().contradiction,
+            None,
+            "{name}"
+        );
     }
 }
 

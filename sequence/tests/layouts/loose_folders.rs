@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use image::{ImageBuffer, Luma};
-use linecarve_sequence::{DepthValues, FileRole, OpenOptions, Sequence, contradiction};
+use linecarve_sequence::{DepthValues, FileRole, OpenOptions, Sequence, check_images};
 use nalgebra::Isometry3;
 
 use crate::folder_writers::{FRAMES, intrinsics_text, matrix_lines, write_icl, write_images};
@@ -47,7 +47,7 @@ fn assert_right(sequence: &Sequence) {
             );
         }
     }
-    assert_eq!(contradiction(sequence).unwrap(), None);
+    assert_eq!(check_images(sequence).unwrap().contradiction, None);
 }
 
 #[test]
@@ -145,7 +145,9 @@ fn inverse_depth_and_distance_are_named_and_read() {
             write_plain(root);
             rewrite_depth(root, value);
         });
-        let text = contradiction(&open(folder.path()).unwrap()).unwrap();
+        let text = check_images(&open(folder.path()).unwrap())
+            .unwrap()
+            .contradiction;
         let text = text.unwrap_or_else(|| panic!("{values:?} is not noticed"));
         assert!(words.iter().all(|word| text.contains(word)), "{text}");
         let lines = text.split_once("linecarve.toml:\n").unwrap().1;
@@ -164,7 +166,9 @@ fn inverse_depth_and_distance_are_named_and_read() {
         assert_right(&sequence);
         // Told wrongly, the other way round.
         rewrite_depth(folder.path(), |depth, _| 1000.0 * depth);
-        let text = contradiction(&open(folder.path()).unwrap()).unwrap();
+        let text = check_images(&open(folder.path()).unwrap())
+            .unwrap()
+            .contradiction;
         let text = text.unwrap_or_else(|| panic!("{values:?} is not noticed"));
         assert!(text.contains("values = \"depth\""), "{text}");
     }
@@ -198,7 +202,9 @@ fn depth_that_nothing_explains_is_refused() {
             flat.save(root.join(format!("depth/{at}.png"))).unwrap();
         }
     });
-    let text = contradiction(&open(folder.path()).unwrap()).unwrap();
+    let text = check_images(&open(folder.path()).unwrap())
+        .unwrap()
+        .contradiction;
     let text = text.expect("noticed");
     assert!(text.contains("disagree by"), "{text}");
 }
@@ -294,7 +300,7 @@ fn cameras_of_scan_info_are_read() {
         let sequence = open(folder.path()).unwrap();
         let depth = sequence.depth_calibration().unwrap();
         assert!(!depth.registered && (depth.camera.fx() - 0.5 * FOCAL).abs() < 1e-9);
-        assert_eq!(contradiction(&sequence).unwrap(), None);
+        assert_eq!(check_images(&sequence).unwrap().contradiction, None);
     }
 }
 
@@ -406,7 +412,9 @@ fn depth_of_the_frame_beside_is_not_blamed_on_the_poses() {
         std::fs::write(root.join("poses.txt"), lines).unwrap();
         std::fs::write(root.join("linecarve.toml"), sidecar()).unwrap();
     });
-    let text = contradiction(&open(folder.path()).unwrap()).unwrap();
+    let text = check_images(&open(folder.path()).unwrap())
+        .unwrap()
+        .contradiction;
     let text = text.expect("noticed");
     assert!(text.contains("previous image"), "{text}");
     assert!(text.contains("poses.txt"), "{text}");

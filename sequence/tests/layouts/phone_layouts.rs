@@ -12,7 +12,7 @@ use linecarve_sequence::ClassNoise;
 use linecarve_sequence::export::{
     Disturbance, RecordingLayout, WrongDepth, write_disturbed_recording, write_recording,
 };
-use linecarve_sequence::{OpenOptions, Sequence, contradiction};
+use linecarve_sequence::{OpenOptions, Sequence, check_images};
 use zip::write::SimpleFileOptions;
 use zip::{ZipArchive, ZipWriter};
 
@@ -78,7 +78,11 @@ fn each_layout_restores_what_was_written() {
                 );
             }
         }
-        assert_eq!(contradiction(&read).unwrap(), None, "{layout:?}");
+        assert_eq!(
+            check_images(&read).unwrap().contradiction,
+            None,
+            "{layout:?}"
+        );
         let missed = read.unread_files().iter().any(|file| file.is_missed);
         assert!(!missed, "{layout:?}: {:?}", read.unread_files());
         let said = read.conventions().join("\n");
@@ -223,7 +227,7 @@ fn depth_of_the_view_of_colour_has_a_size_of_its_own() {
         assert_eq!(depth.camera.fx(), FOCAL);
         assert_eq!(depth.camera.cx(), 31.5);
         assert_eq!(sequence.color_camera().fx(), 2.0 * FOCAL);
-        assert_eq!(contradiction(&sequence).unwrap(), None);
+        assert_eq!(check_images(&sequence).unwrap().contradiction, None);
         let said = sequence.conventions().join("\n");
         assert!(
             said.contains("view of colour at a size of its own"),

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use linecarve_sequence::{
-    InspectOptions, KeyframeOptions, OpenOptions, Sequence, SequenceFacts, contradiction, inspect,
+    InspectOptions, KeyframeOptions, OpenOptions, Sequence, SequenceFacts, check_images, inspect,
     select_keyframes,
 };
 use nalgebra::Matrix4;
@@ -411,7 +411,7 @@ fn recorded_sequences_contradict_nothing_and_miss_no_file() {
         "sceaux-castle",
     ] {
         let sequence = open(name);
-        if let Some(text) = contradiction(&sequence).unwrap() {
+        if let Some(text) = check_images(&sequence).unwrap().contradiction {
             faults += &format!("{name}: {text}\n");
         }
         let missed = sequence.unread_files().iter().filter(|file| file.is_missed);

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use linecarve_sequence::{FileRole, OpenOptions, Sequence, SequenceError, contradiction};
+use linecarve_sequence::{FileRole, OpenOptions, Sequence, SequenceError, check_images};
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use crate::folder_writers::{FRAMES, matrix_lines};
@@ -39,7 +39,9 @@ fn axes_of_bodies_and_turned_images_are_named_and_read() {
                 .collect();
             std::fs::write(root.join("poses.txt"), lines).unwrap();
         });
-        let text = contradiction(&open(folder.path()).unwrap()).unwrap();
+        let text = check_images(&open(folder.path()).unwrap())
+            .unwrap()
+            .contradiction;
         let text = text.unwrap_or_else(|| panic!("{name} is not noticed"));
         let line = format!("axes = \"{name}\"");
         assert!(text.contains(&line), "{name}: {text}");
@@ -47,7 +49,11 @@ fn axes_of_bodies_and_turned_images_are_named_and_read() {
             text + "[poses]\n" + &line
         });
         let sequence = open(folder.path()).unwrap();
-        assert_eq!(contradiction(&sequence).unwrap(), None, "{name}");
+        assert_eq!(
+            check_images(&sequence).unwrap().contradiction,
+            None,
+            "{name}"
+        );
         for (frame, pose) in sequence.frames().iter().zip(poses(FRAMES)) {
             let off = frame.world_from_camera.inverse() * pose;
             assert!(off.translation.vector.norm() < 1e-6, "{name}");
