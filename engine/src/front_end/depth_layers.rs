@@ -33,7 +33,8 @@ pub struct LayerSummary {
     pub corrected_distance: f64,
     /// The same by the noise of depth alone.
     pub noise: f64,
-    /// What is corrected: `poses`, `scales` (with poses), `shifts` of the depth (with both) or `inverse-shifts`; `none`.
+    /// What is corrected: `poses`, `scales` of the depth, its `shifts` (with scales) or `inverse-shifts`; `none`. Depth is corrected with poses or
+    /// alone, which the motion of the cameras tells.
     pub corrected: &'static str,
     /// RMS motion of the cameras by the correction, in units of the poses.
     pub translation: f64,

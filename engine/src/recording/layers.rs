@@ -105,10 +105,13 @@ fn first_compared(keyframes: &[usize]) -> Vec<usize> {
 }
 
 fn layer_warning(summary: &LayerSummary) -> String {
-    let what = match summary.corrected {
-        "poses" => "poses",
-        "scales" => "poses and scales",
-        _ => "poses, scales and shifts",
+    let is_moved = summary.translation > 0.0 || summary.rotation_deg > 0.0;
+    let what = match (summary.corrected, is_moved) {
+        ("poses", _) => "poses",
+        ("scales", true) => "poses and scales",
+        ("scales", false) => "scales",
+        (_, true) => "poses, scales and shifts",
+        (_, false) => "scales and shifts",
     };
     format!(
         "the depth images of keyframes disagree with each other by {:.1} % of the depth: corrected {what} bring that to {:.1} % \

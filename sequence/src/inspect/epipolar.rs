@@ -33,7 +33,7 @@ const GOOD: f64 = 0.003;
 const BAD: f64 = 0.006;
 
 /// A median above this share of the width is no inaccuracy: other poses, images or intrinsics. Tuned on rendered rooms.
-const UNUSABLE: f64 = 0.1;
+const UNUSABLE: f64 = 0.04;
 
 /// Changes of the focal length up to this share are corrected from the images, where depth comes from them.
 const CORRECTED_FOCAL: f64 = 0.08;

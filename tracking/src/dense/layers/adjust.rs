@@ -8,7 +8,6 @@ use rayon::prelude::*;
 use super::layer::{DepthLayer, LayerPlacement, PlacedSurface};
 use super::pair::{MEDIAN_OVER_SIGMA, PairEquations, UNKNOWNS, disagreement, equations};
 use super::pairs::{LayerPair, pairs};
-use super::scale::keep_scale_of_path;
 use super::solve::LayerSystem;
 
 /// What of the layers is corrected, beside their poses.
@@ -66,18 +65,14 @@ const FIRST_SIGMAS: [f64; 4] = [0.1, 0.05, 0.2, 0.1];
 const SMALLEST_SHARE: f64 = 0.01;
 
 impl LayerModel {
-    fn has_free_scales(self) -> bool {
-        self != Self::Poses
-    }
-
-    fn is_free(self) -> [bool; UNKNOWNS] {
+    fn is_free(self, are_poses_free: bool) -> [bool; UNKNOWNS] {
         let (scale, inverse_shift, shift) = match self {
             Self::Poses => (false, false, false),
             Self::Scales => (true, false, false),
             Self::ScalesAndInverseShifts => (true, true, false),
             Self::ScalesAndShifts => (true, false, true),
         };
-        let mut is_free = [true; UNKNOWNS];
+        let mut is_free = [are_poses_free; UNKNOWNS];
         is_free[6..].copy_from_slice(&[scale, inverse_shift, shift]);
         is_free
     }
@@ -87,8 +82,8 @@ impl LayerModel {
 ///
 /// The distances of points of one layer from the planes of another are minimised by Gauss-Newton with Cauchy's weights. Poses, and the scale
 /// and shift of each depth, are expected to be near the given ones; how near is estimated with them. Distances that the noise of depth
-/// explains are left as they are. Poses alone are tried first, then scales, then shifts, while that brings held-back layers closer. The path
-/// keeps its scale.
+/// explains are left as they are. Depth alone is tried first: what an error of all depth images does to overlaps, a small motion of the cameras
+/// does as well. Then come poses alone, poses with scales, and with shifts, while that brings held-back layers closer.
 ///
 /// # Complexity
 /// Linear in the overlaps, of which a layer has eight at most; quadratic in the layers for finding them.
@@ -109,30 +104,29 @@ pub fn align_layers(layers: &[DepthLayer]) -> LayerAlignment {
         layers,
         pairs: &adjusted,
         depth,
-        placements: given,
+        placements: given.clone(),
         sigmas: first_sigmas(depth),
+        are_poses_free: false,
     };
     let (mut best, mut least_motion) = (before, f64::INFINITY);
-    for (models, steps) in [
-        (&[LayerModel::Poses][..], STEPS[0]),
-        (&[LayerModel::Scales], STEPS[0]),
-        (
-            &[
-                LayerModel::ScalesAndShifts,
-                LayerModel::ScalesAndInverseShifts,
-            ],
-            STEPS[1],
-        ),
+    const SHIFTS: &[LayerModel] = &[
+        LayerModel::ScalesAndShifts,
+        LayerModel::ScalesAndInverseShifts,
+    ];
+    for (are_poses_free, models, steps) in [
+        (false, &[LayerModel::Scales][..], STEPS[0]),
+        (false, SHIFTS, STEPS[1]),
+        (true, &[LayerModel::Poses], STEPS[0]),
+        (true, &[LayerModel::Scales], STEPS[0]),
+        (true, SHIFTS, STEPS[1]),
     ] {
+        estimation.are_poses_free = are_poses_free;
         let start = estimation.placements.clone();
         for &model in models {
             // Scales that are off lead poses astray: they begin as given.
-            estimation.placements = match model {
-                LayerModel::Poses | LayerModel::Scales => layers
-                    .iter()
-                    .map(|layer| LayerPlacement::given(*layer.given()))
-                    .collect(),
-                _ => start.clone(),
+            estimation.placements = match steps == STEPS[0] {
+                true => given.clone(),
+                false => start.clone(),
             };
             estimation.sigmas = first_sigmas(depth);
             let first_gate = if steps == STEPS[0] {
@@ -163,9 +157,6 @@ pub fn align_layers(layers: &[DepthLayer]) -> LayerAlignment {
         estimation.placements.clone_from(&alignment.placements);
     }
     alignment.after = best;
-    if alignment.model.is_some_and(LayerModel::has_free_scales) {
-        keep_scale_of_path(layers, &mut alignment.placements);
-    }
     if best > WORTH * before {
         alignment.model = None;
         alignment.placements = layers
@@ -258,6 +249,7 @@ struct Estimation<'a> {
     placements: Vec<LayerPlacement>,
     /// Standard deviations of what is expected of the corrections.
     sigmas: SVector<f64, UNKNOWNS>,
+    are_poses_free: bool,
 }
 
 impl Estimation<'_> {
@@ -298,7 +290,7 @@ impl Estimation<'_> {
         for layer in 0..self.layers.len() {
             system.add_prior(layer, &self.correction(layer), &self.sigmas);
         }
-        system.fix(&model.is_free());
+        system.fix(&model.is_free(self.are_poses_free));
         let steps = system.solve()?;
         for (placement, step) in self.placements.iter_mut().zip(&steps) {
             *placement = moved(placement, step);

@@ -8,7 +8,6 @@ mod adjust;
 mod layer;
 mod pair;
 mod pairs;
-mod scale;
 mod solve;
 
 #[cfg(test)]

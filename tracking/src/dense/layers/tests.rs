@@ -241,6 +241,33 @@ fn bias_of_the_depth_does_not_bend_the_path() {
     }
 }
 
+/// A scale and shift of all depth images change overlaps as small motions of the cameras do, which bend the room by as much.
+#[test]
+fn an_error_of_all_depth_images_is_not_taken_for_motion() {
+    let measured = |depth: f64| 0.9 * depth + 0.3;
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    let poses = poses(16);
+    let layers: Vec<DepthLayer> = poses
+        .iter()
+        .map(|pose| {
+            let map = map(pose, &mut random, |depth, _| measured(depth));
+            DepthLayer::new(&map, &camera(), pose)
+        })
+        .collect();
+    let alignment = align_layers(&layers);
+    for (placement, pose) in alignment.placements.iter().zip(&poses) {
+        let motion = placement.world_from_camera.translation.vector - pose.translation.vector;
+        assert!(motion.norm() < 0.01, "{motion}");
+        for depth in [1.5, 2.0, 2.5] {
+            let corrected = placement.depth.depth(measured(depth)).unwrap();
+            assert!(
+                (corrected / depth - 1.0).abs() < 0.03,
+                "{depth}: {corrected}"
+            );
+        }
+    }
+}
+
 #[test]
 fn nothing_is_made_of_nothing() {
     let alignment = align_layers(&[]);
