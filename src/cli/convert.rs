@@ -133,3 +133,16 @@ pub enum Target {
     /// Mesh or lines: binary glTF, +Y up.
     Glb,
 }
+
+impl Target {
+    /// Whether it is a file of a mesh, lines or a cloud.
+    pub(crate) fn is_geometry(self) -> bool {
+        matches!(self, Self::Obj | Self::Ply | Self::Glb)
+    }
+
+    /// Whether it is one file, not a folder.
+    pub(crate) fn is_file(self) -> bool {
+        use Target::{Euroc, Kitti, Open3dLog, Transforms, Tum};
+        self.is_geometry() || matches!(self, Tum | Euroc | Kitti | Open3dLog | Transforms)
+    }
+}

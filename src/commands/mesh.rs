@@ -8,7 +8,7 @@ use crate::cli::{KnownOptions, MeshArgs};
 use crate::commands::Outcome;
 use crate::commands::heat_map::origin_of;
 use crate::progress::Verbosity;
-use crate::sinks::{surface_part, write_part};
+use crate::sinks::{check_outputs, folder_of, surface_part, write_part};
 use crate::standard_error::say;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
@@ -32,6 +32,9 @@ const BYTES_OF_POINT: u64 = 1600;
 pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let format = format_of("--out", &args.out)?;
     let mut input = source(&cloud_of(&args.input));
+    let inputs = [&input.path].into_iter().chain(&args.cameras);
+    let inputs: Vec<&Path> = inputs.chain(&args.config).map(PathBuf::as_path).collect();
+    check_outputs(&[("--out", &args.out)], &inputs)?;
     input.cameras.clone_from(&args.cameras);
     let mut options = match &args.config {
         Some(path) => Configuration::read(path)?.options(),
@@ -97,14 +100,6 @@ fn source(input: &Path) -> Input {
     options.source = SourceChoice::MapPoints;
     options.progress = Verbosity::Quiet.hook();
     options
-}
-
-/// The folder of a file.
-fn folder_of(file: &Path) -> &Path {
-    match file.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    }
 }
 
 /// Carves all points in this process, with temporary files beside the mesh.

@@ -6,6 +6,7 @@ mod growth;
 mod keyframe_reports;
 mod live;
 mod output;
+mod output_file;
 mod output_folder;
 mod page;
 mod page_run;
@@ -31,6 +32,7 @@ pub(crate) use output::{
     clusters_part, feature_edges_part, segments_part, surface_part, write_geometry, write_part,
     write_poses,
 };
+pub(crate) use output_file::{check_ending, check_outputs, folder_of, keep_sequence};
 pub(crate) use output_folder::{OutputFolder, keep_apart, lock_folder};
 pub(crate) use page::{
     GrowingView, PageRecorder, grouped, growth_plots, last_surface, page_of, page_surface,

@@ -113,3 +113,91 @@ fn a_second_run_into_the_same_folder_is_refused_at_once() {
     let free = stderr(&expect_status(2, ["lines", "nowhere", "--out", text(&out)]));
     assert!(!free.contains("another run"), "{free}");
 }
+
+/// Demands exit status 2 and these words, and that no file in a folder has changed.
+fn keeps(folder: &Path, arguments: &[&str], words: &[&str]) {
+    let before: BTreeMap<PathBuf, Vec<u8>> = contents(folder);
+    let said = stderr(&expect_status(2, arguments));
+    assert!(words.iter().all(|word| said.contains(word)), "{said}");
+    assert_eq!(contents(folder), before);
+}
+
+#[test]
+fn no_command_overwrites_its_input_or_another_output() {
+    let folder = small_sequence(3, "tum");
+    let path = |name: &str| text(&folder.path().join(name)).to_owned();
+    let (a, b) = (path("a.obj"), path("b.obj"));
+    let mesh = "mtllib a.mtl\nusemtl a\nv 0 0 1\nv 1 0 0\nv 0 1 0.5\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";
+    for file in [&a, &b] {
+        std::fs::write(file, mesh).unwrap();
+    }
+    std::fs::write(path("a.mtl"), "newmtl a\nmap_Kd a.png\n").unwrap();
+    let image = image::RgbImage::from_pixel(2, 2, image::Rgb([90; 3]));
+    image.save(path("a.png")).unwrap();
+    // The same file by another name.
+    let around = path("sequence/../a.obj");
+    let (heat, picture, edges) = (path("heat.glb"), path("a.png"), path("edges.obj"));
+    let sequence = path("sequence");
+    let lists = ["groundtruth.txt", "rgb.txt"].map(|name| path(&format!("sequence/{name}")));
+    let frame = std::fs::read_dir(path("sequence/rgb"))
+        .unwrap()
+        .next()
+        .unwrap();
+    let frame = frame.unwrap().path();
+    std::fs::rename(&frame, frame.with_extension("png")).ok();
+    let input = "would overwrite the input";
+    let other = "would overwrite the file of";
+    for (arguments, words) in [
+        (vec!["simplify", &a, "--out", &around], [input, "--out"]),
+        (
+            vec!["simplify", &a, "--out", &b, "--lines", &b],
+            [input, "--out"],
+        ),
+        (
+            vec!["simplify", &a, "--out", &edges, "--feature-edges", &edges],
+            [other, "--feature-edges"],
+        ),
+        (vec!["convert", &a, "--out", &a], [input, "--out"]),
+        (
+            vec!["convert", &sequence, "--out", &lists[0]],
+            [input, "--out"],
+        ),
+        (
+            vec!["convert", &sequence, "--to", "tum", "--out", &lists[1]],
+            [input, "--out"],
+        ),
+        (vec!["diff", &a, &b, "--junit", &b], [input, "--junit"]),
+        (
+            vec!["diff", &a, &b, "--heat-map", &heat, "--junit", &heat],
+            [other, "--junit"],
+        ),
+        (
+            vec!["diff", &a, &b, "--heat-map", &picture],
+            ["ends with .glb", "--heat-map"],
+        ),
+        (
+            vec!["evaluate", &a, "--ground-truth", &b, "--heat-map", &b],
+            [input, "--heat-map"],
+        ),
+        (vec!["render", &a, "--out", &a], ["ends with .png", "--out"]),
+        (vec!["render", &a, "--out", &picture], [input, "--out"]),
+        (vec!["mesh", &a, "--out", &a], [input, "--out"]),
+        (
+            vec!["mesh", &a, "--out", &path("missing/a.ply")],
+            ["missing", "--out"],
+        ),
+    ] {
+        keeps(folder.path(), &arguments, &words);
+    }
+
+    // An older result is replaced, also inside the recording.
+    let poses = path("sequence/mine.txt");
+    for _ in 0..2 {
+        expect_status(0, ["convert", &sequence, "--out", &poses]);
+    }
+    std::fs::write(&heat, "older").unwrap();
+    let evaluate = ["evaluate", &a, "--ground-truth", &b, "--heat-map", &heat];
+    expect_status(0, evaluate.into_iter().chain(["--samples", "100"]));
+    assert!(std::fs::read(&heat).unwrap().starts_with(b"glTF"));
+}
+

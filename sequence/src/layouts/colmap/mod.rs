@@ -238,7 +238,11 @@ impl Layout for Colmap {
             "sparse",
             "dense",
             "cameras.txt",
+            "cameras.bin",
             "images.txt",
+            "images.bin",
+            "points3D.txt",
+            "points3D.bin",
         ] {
             folder.claim(name);
         }
