@@ -15,7 +15,7 @@ mod track;
 mod values;
 mod view;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -141,6 +141,15 @@ pub struct SequenceArgs {
     /// not read.
     #[arg(long)]
     pub accept_as_is: bool,
+}
+
+impl SequenceArgs {
+    /// The files that options name.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
+        let files = self.poses.iter().chain(&self.calibration);
+        files.map(PathBuf::as_path)
+    }
+
 }
 
 /// The page of a run that goes on.

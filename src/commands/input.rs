@@ -47,6 +47,18 @@ pub(super) fn open_options(args: &SequenceArgs) -> OpenOptions {
     options
 }
 
+/// The files that options of a run name.
+pub(super) fn named_files<'a>(
+    input: &'a SequenceArgs,
+    selection: &'a KeyframeArgs,
+    stages: &'a StageArgs,
+) -> impl Iterator<Item = &'a Path> {
+    let others = [&selection.keyframes, &stages.config].into_iter();
+    input
+        .files()
+        .chain(others.filter_map(|file| file.as_deref()))
+}
+
 /// Writes the images of a video to the output folder, and makes these the input.
 ///
 /// # Errors
@@ -64,6 +76,7 @@ pub(super) fn unpack_video(
     };
     let folder = output.subfolder("video")?;
     output.numbered("video/images", &["jpg"])?;
+    output.file("video/times.txt")?;
     for warning in unpack(&input.path, &folder, &verbosity.hook())? {
         if verbosity > Verbosity::Quiet {
             say!("warning: {warning}");
@@ -91,6 +104,7 @@ pub(super) fn unpack_recorded_video(
     };
     let folder = output.subfolder("video")?;
     output.numbered("video/images", &["jpg"])?;
+    output.file("video/times.txt")?;
     unpack_pictures(&video, &folder, None, open, verbosity)
 }
 

@@ -108,6 +108,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         if let Some(page) = page {
             write_page(&output.file("report.html")?, &page)?;
         }
+        output.remove_stale()?;
     }
     replies.send(&Reply::End {
         keyframes,

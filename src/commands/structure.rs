@@ -16,7 +16,8 @@ use crate::commands::heat_map::origin_of;
 use crate::commands::input::{base_options, input, keyframe_options};
 use crate::progress::Verbosity;
 use crate::sinks::{
-    OutputFolder, StructureInput, final_mesh, line_ends, print_object, print_text, write_structure,
+    OutputFolder, StructureInput, final_mesh, keep_structure_inputs, line_ends, print_object,
+    print_text, write_structure,
 };
 
 /// Formats of the mesh and of the clusters of a run, the exact ones first.
@@ -82,6 +83,8 @@ fn of_file(file: &Path, args: &StructureArgs) -> anyhow::Result<Option<Structure
         .unwrap_or([0.0, -1.0, 0.0])
         .into();
     let mut output = OutputFolder::create(&args.out, &[])?;
+    let inputs: Vec<&Path> = [file].into_iter().chain(args.lines.as_deref()).collect();
+    keep_structure_inputs(&output, &inputs)?;
     let input = StructureInput {
         mesh: &mesh,
         segments: &segments,
@@ -103,6 +106,9 @@ fn of_sequence(
         path.display()
     );
     let mut output = OutputFolder::create(&args.out, &[path])?;
+    let files = args.input.files().chain(args.lines.as_deref());
+    let files: Vec<&Path> = files.chain(args.config.as_deref()).collect();
+    keep_structure_inputs(&output, &files)?;
     let mut parameters = base_options(None, args.config.as_deref())?;
     keyframe_options(&args.selection, &mut parameters);
     let mut input = input(&args.input, &args.selection, args.depth.into(), verbosity);

@@ -33,7 +33,7 @@ pub(crate) use output::{
     write_poses,
 };
 pub(crate) use output_file::{check_ending, check_outputs, folder_of, keep_sequence};
-pub(crate) use output_folder::{OutputFolder, keep_apart, lock_folder};
+pub(crate) use output_folder::{OutputError, OutputFolder, keep_apart, lock_folder};
 pub(crate) use page::{
     GrowingView, PageRecorder, grouped, growth_plots, last_surface, page_of, page_surface,
     with_elements,
@@ -45,7 +45,7 @@ pub(crate) use results::{ResultSettings, write_results};
 pub(crate) use session::{SessionPage, last_page};
 pub(crate) use simplified::final_mesh;
 pub(crate) use simplified::{DEFAULT_TOLERANCE_TEXT, line_ends};
-pub(crate) use structure::{StructureInput, write_structure};
+pub(crate) use structure::{StructureInput, keep_structure_inputs, write_structure};
 pub(crate) use surface_files::SurfaceFiles;
 pub(crate) use tracked::{write_tracked, write_tracked_poses};
 pub(crate) use tracked_page::LiveTracking;

@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::program::{contents, expect_status, linecarve, small_sequence, stderr, text};
+use crate::program::{
+    contents, expect_status, linecarve, reconstruct_mesh, small_sequence, stderr, text,
+};
 
 /// Demands that a command is refused for a reason, with a remedy, and that no file in a folder has changed.
 fn refuses(folder: &Path, arguments: &[&str], reason: &str) {
@@ -201,3 +203,65 @@ fn no_command_overwrites_its_input_or_another_output() {
     assert!(std::fs::read(&heat).unwrap().starts_with(b"glTF"));
 }
 
+#[test]
+fn a_second_run_leaves_no_results_of_the_first() {
+    let folder = small_sequence(4, "tum");
+    let [sequence, out] = ["sequence", "out"].map(|name| folder.path().join(name));
+    let first = [
+        "reconstruct",
+        text(&sequence),
+        "--out",
+        text(&out),
+        "--every",
+        "1",
+    ];
+    expect_status(
+        0,
+        first.into_iter().chain(["-q", "--structure", "--texture"]),
+    );
+    for name in [
+        "mesh.glb",
+        "report.html",
+        "structure.json",
+        "keyframes/000000.glb",
+    ] {
+        assert!(out.join(name).exists(), "{name}");
+    }
+    std::fs::write(out.join("keyframes/notes.txt"), "mine").unwrap();
+    reconstruct_mesh(0, &sequence, &["--every", "1"], &out);
+    let report = std::fs::read(out.join("report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    let files = report["result"]["files"].as_array().unwrap();
+    let mut expected: Vec<PathBuf> = files
+        .iter()
+        .map(|name| PathBuf::from(name.as_str().unwrap()))
+        .collect();
+    expected.push("keyframes/notes.txt".into());
+    expected.sort();
+    let left: Vec<PathBuf> = contents(&out).into_keys().collect();
+    assert_eq!(left, expected);
+
+    // The planes of the run go into its folder, beside its files.
+    let structure = ["structure", text(&out), "--out", text(&out), "-q"];
+    let done = linecarve(structure);
+    assert!(
+        done.status.code().is_some_and(|code| code < 2),
+        "{}",
+        stderr(&done)
+    );
+    assert!(out.join("mesh.ply").exists() && out.join("structure.json").exists());
+    let obj = out.join("structure.obj");
+    let own = ["structure", text(&obj), "--out", text(&out)];
+    keeps(folder.path(), &own, &["would overwrite the input"]);
+    // A file of the run that the next one would remove.
+    let poses = out.join("mesh.ply");
+    let again = [
+        "reconstruct",
+        text(&sequence),
+        "--out",
+        text(&out),
+        "--poses",
+        text(&poses),
+    ];
+    keeps(folder.path(), &again, &["holds the input"]);
+}
