@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 
 use crate::cli::{KnownOptions, MeshArgs};
 use crate::commands::Outcome;
 use crate::commands::heat_map::origin_of;
 use crate::progress::Verbosity;
-use crate::sinks::{check_outputs, folder_of, surface_part, write_part};
+use crate::sinks::{TemporaryFolder, check_outputs, folder_of, surface_part, write_part};
 use crate::standard_error::say;
 use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
@@ -120,13 +120,9 @@ fn at_once(
     Ok(made)
 }
 
-/// Carves the points in tiles, in a folder beside the mesh that is removed afterwards.
+/// Carves the points in tiles, in a temporary folder beside the mesh.
 fn in_tiles(input: &Input, options: Options, out: &Path) -> anyhow::Result<TriangleMesh> {
-    let beside = folder_of(out);
-    let work = tempfile::Builder::new()
-        .prefix(".linecarve-mesh")
-        .tempdir_in(beside)
-        .with_context(|| format!("{}: a folder for the tiles", beside.display()))?;
+    let work = TemporaryFolder::create(folder_of(out))?;
     let split = Split {
         tiles: None,
         halo: linecarve_tiles::PlanOptions::default().halo,

@@ -18,6 +18,7 @@ mod simplified;
 mod structure;
 mod surface_files;
 mod surface_page;
+mod temporary_folder;
 mod tracked;
 mod tracked_page;
 
@@ -47,5 +48,6 @@ pub(crate) use simplified::final_mesh;
 pub(crate) use simplified::{DEFAULT_TOLERANCE_TEXT, line_ends};
 pub(crate) use structure::{StructureInput, keep_structure_inputs, write_structure};
 pub(crate) use surface_files::SurfaceFiles;
+pub(crate) use temporary_folder::TemporaryFolder;
 pub(crate) use tracked::{write_tracked, write_tracked_poses};
 pub(crate) use tracked_page::LiveTracking;

@@ -94,3 +94,68 @@ fn points_with_normals_need_cameras() {
     assert!(said.contains("nx, ny, nz"), "{said}");
 }
 
+/// A cloud that is too large for the memory that is free, of which the files hold nothing but zeros.
+#[cfg(target_os = "linux")]
+fn endless_cloud(folder: &Path) -> PathBuf {
+    let city = city_in(folder);
+    let memory = std::fs::read_to_string("/proc/meminfo").unwrap();
+    let free = memory.lines().find(|line| line.starts_with("MemAvailable"));
+    let free = free.unwrap().split_whitespace().nth(1).unwrap();
+    let points = 2 * free.parse::<u64>().unwrap();
+    let header = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {points}\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    );
+    let (cloud, views) = (city.join("fused.ply"), city.join("fused.ply.vis"));
+    std::fs::write(&cloud, &header).unwrap();
+    std::fs::write(&views, points.to_le_bytes()).unwrap();
+    for (file, length) in [
+        (cloud, header.len() as u64 + 12 * points),
+        (views, 8 + 4 * points),
+    ] {
+        let file = std::fs::OpenOptions::new().write(true).open(file).unwrap();
+        file.set_len(length).unwrap();
+    }
+    city
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn the_folder_of_tiles_goes_with_a_signal_or_with_the_next_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let city = endless_cloud(folder.path());
+    let out = folder.path().join("out");
+    std::fs::create_dir(&out).unwrap();
+    let mesh = out.join("mesh.ply");
+    let entries = || -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(&out).unwrap();
+        entries.map(|entry| entry.unwrap().path()).collect()
+    };
+    let mut killed = Vec::new();
+    for (signal, status) in [("KILL", None), ("TERM", Some(130)), ("INT", Some(130))] {
+        let mut run = std::process::Command::new(assert_cmd::cargo::cargo_bin("linecarve"))
+            .args(["mesh", text(&city), "--out", text(&mesh), "-q"])
+            .spawn()
+            .unwrap();
+        // The plan begins in it.
+        let is_at_work =
+            |path: &PathBuf| !killed.contains(path) && path.join(".linecarve-files").exists();
+        while !entries().iter().any(is_at_work) {
+            assert!(run.try_wait().unwrap().is_none(), "the cloud is too large");
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        std::thread::sleep(std::time::Duration::from_millis(200));
+        let number = run.id().to_string();
+        let sent = std::process::Command::new("kill")
+            .args(["-s", signal, &number])
+            .status();
+        assert!(sent.unwrap().success());
+        assert_eq!(run.wait().unwrap().code(), status, "{signal}");
+        killed = entries();
+        // What a killed run left is removed by the next one.
+        assert_eq!(
+            killed.len(),
+            usize::from(signal == "KILL"),
+            "{signal}: {killed:?}"
+        );
+    }
+}
