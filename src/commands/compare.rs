@@ -6,7 +6,7 @@ use linecarve_mesh::files::write_atomically;
 
 use crate::cli::CompareArgs;
 use crate::commands::Outcome;
-use crate::commands::input::{input, named_files, parameters};
+use crate::commands::input::{input, named_files, used_parameters};
 use crate::compare::{
     Comparison, GroundTruth, SurfaceSummary, Warnings, compared_run, score_table,
     write_compare_page, write_pictures, write_surfaces,
@@ -37,7 +37,8 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         verbosity,
     );
     input.up = args.stages.up;
-    let recording = Recording::open(&input, parameters(&args.stages, &args.selection)?)?;
+    let parameters = used_parameters(&args.stages, &args.selection, &["simplify"])?;
+    let recording = Recording::open(&input, parameters)?;
     let mut warnings = Warnings::new(verbosity);
     warnings.extend(recording.warnings.iter().cloned());
 

@@ -8,6 +8,7 @@ use crate::cli::{ConvertArgs, RecordingErrors, SequenceArgs, Target, WrongPixels
 use crate::commands::Outcome;
 use crate::commands::convert_geometry::convert_geometry;
 use crate::commands::input::open;
+use crate::commands::unused::refuse_unused;
 use crate::progress::Verbosity;
 use crate::sinks::{check_outputs, keep_apart, keep_sequence};
 use crate::standard_error::say;
@@ -22,7 +23,14 @@ pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         Some(target) => target,
         None => by_extension(&args.out)?,
     };
+    if recording_layout(target).is_none() {
+        let reason =
+            "only recordings with depth (--to stray-scanner and so on) are written with errors";
+        refuse_unused(&args.errors.given(), reason)?;
+    }
     if target.is_geometry() {
+        let reason = "meshes, lines and clouds are no sequences";
+        refuse_unused(&args.given_of_sequences(), reason)?;
         return convert_geometry(&args.input, &args.out, target);
     }
     if target.is_file() {

@@ -4,11 +4,11 @@ use std::path::Path;
 
 use anyhow::bail;
 
+use super::unused::read_configuration;
 use crate::cli::{KeyframeArgs, PresetArg, SequenceArgs, StageArgs};
 use crate::progress::Verbosity;
 use crate::sinks::OutputFolder;
 use crate::standard_error::say;
-use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
 use linecarve_engine::video::{Unpacking, of_video, unpack, unpack_as};
 use linecarve_engine::{Input, SourceChoice};
@@ -129,17 +129,18 @@ pub(super) fn unpack_pictures(
     Ok(())
 }
 
-/// The parameters that a preset or a configuration file gives; the defaults without either.
+/// The parameters that a preset or a configuration file gives; the defaults without either. The tables `unused` have no effect.
 ///
 /// # Errors
-/// When the configuration cannot be read; the text names file and key.
+/// When the configuration cannot be read or sets a table without effect; the text names file and key.
 pub(super) fn base_options(
     preset: Option<PresetArg>,
     config: Option<&Path>,
+    unused: &[&str],
 ) -> anyhow::Result<Options> {
     Ok(match (preset, config) {
         (Some(PresetArg::Paper), _) => Options::paper(),
-        (None, Some(path)) => Configuration::read(path)?.options(),
+        (None, Some(path)) => read_configuration(path, unused)?.options(),
         (None, None) => Options::default(),
     })
 }
@@ -149,7 +150,19 @@ pub(super) fn base_options(
 /// # Errors
 /// When the configuration cannot be read; the text names file and key.
 pub fn parameters(stages: &StageArgs, selection: &KeyframeArgs) -> anyhow::Result<Options> {
-    let mut options = base_options(stages.preset, stages.config.as_deref())?;
+    used_parameters(stages, selection, &[])
+}
+
+/// As [`parameters`], for a command on which the tables `unused` have no effect.
+///
+/// # Errors
+/// As [`parameters`], and when the configuration sets one of these tables.
+pub(super) fn used_parameters(
+    stages: &StageArgs,
+    selection: &KeyframeArgs,
+    unused: &[&str],
+) -> anyhow::Result<Options> {
+    let mut options = base_options(stages.preset, stages.config.as_deref(), unused)?;
     let size = &mut options.images.longest_side_px;
     *size = stages.max_image_size.unwrap_or(*size);
     keyframe_options(selection, &mut options);

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::cli::LinesArgs;
 use crate::commands::Outcome;
-use crate::commands::input::{input, named_files, parameters};
+use crate::commands::input::{input, named_files, used_parameters};
 use crate::progress::Verbosity;
 use crate::sinks::{
     OutputFolder, RunLog, clusters_part, reason_for_nothing, segments_part, write_geometry,
@@ -17,7 +17,7 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     let started = Instant::now();
     let mut output = OutputFolder::create(&args.out, &[&args.input.sequence])?;
     output.keep_inputs(named_files(&args.input, &args.selection, &args.stages))?;
-    let options = parameters(&args.stages, &args.selection)?;
+    let options = used_parameters(&args.stages, &args.selection, &["simplify"])?;
     let mut input = input(
         &args.input,
         &args.selection,

@@ -10,15 +10,24 @@ use crate::commands::heat_map::origin_of;
 use crate::progress::Verbosity;
 use crate::sinks::{TemporaryFolder, check_outputs, folder_of, surface_part, write_part};
 use crate::standard_error::say;
-use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
 use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, ProjectError, Split, Task};
 use linecarve_engine::tiles::{PointMesh, Project, carry_out_all, mesh_points, plan, write_mesh};
 use linecarve_engine::{Input, SourceChoice};
 use linecarve_mesh::{GltfFrame, TriangleMesh, read_geometry};
 
+use super::input::base_options;
 use super::simplify::format_of;
 
+/// Tables of the configuration that points with views do not use.
+const OF_IMAGES: [&str; 6] = [
+    "keyframes",
+    "images",
+    "sensor",
+    "semi_dense",
+    "pose_correction",
+    "simplify",
+];
 /// Clouds in a workspace, the first that exists: of `colmap stereo_fusion`, of `colmap automatic_reconstructor`, of `DensifyPointCloud`.
 const CLOUDS: [&str; 4] = [
     "fused.ply",
@@ -36,10 +45,7 @@ pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     let inputs: Vec<&Path> = inputs.chain(&args.config).map(PathBuf::as_path).collect();
     check_outputs(&[("--out", &args.out)], &inputs)?;
     input.cameras.clone_from(&args.cameras);
-    let mut options = match &args.config {
-        Some(path) => Configuration::read(path)?.options(),
-        None => Options::default(),
-    };
+    let mut options = base_options(None, args.config.as_deref(), &OF_IMAGES)?;
     let labels = &mut options.carving.labels;
     *labels = args.labels.map_or(*labels, Into::into);
     for (name, became) in translate(&args.known, &mut options) {

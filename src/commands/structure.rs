@@ -14,6 +14,7 @@ use crate::cli::StructureArgs;
 use crate::commands::Outcome;
 use crate::commands::heat_map::origin_of;
 use crate::commands::input::{base_options, input, keyframe_options};
+use crate::commands::unused::refuse_unused;
 use crate::progress::Verbosity;
 use crate::sinks::{
     OutputFolder, StructureInput, final_mesh, keep_structure_inputs, line_ends, print_object,
@@ -64,6 +65,8 @@ fn run_file(folder: &Path, name: &str) -> Option<PathBuf> {
 }
 
 fn of_file(file: &Path, args: &StructureArgs) -> anyhow::Result<Option<StructureSummary>> {
+    let reason = format!("{} is a mesh, and no sequence", file.display());
+    refuse_unused(&args.given_of_sequences(), &reason)?;
     let mesh = read_geometry(file)?.into_mesh();
     let of_run = file
         .parent()
@@ -109,7 +112,7 @@ fn of_sequence(
     let files = args.input.files().chain(args.lines.as_deref());
     let files: Vec<&Path> = files.chain(args.config.as_deref()).collect();
     keep_structure_inputs(&output, &files)?;
-    let mut parameters = base_options(None, args.config.as_deref())?;
+    let mut parameters = base_options(None, args.config.as_deref(), &[])?;
     keyframe_options(&args.selection, &mut parameters);
     let mut input = input(&args.input, &args.selection, args.depth.into(), verbosity);
     input.up = args.up;
