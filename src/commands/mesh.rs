@@ -10,9 +10,12 @@ use crate::commands::heat_map::origin_of;
 use crate::progress::Verbosity;
 use crate::sinks::{TemporaryFolder, check_outputs, folder_of, surface_part, write_part};
 use crate::standard_error::say;
+use linecarve_engine::map::ModelCounts;
 use linecarve_engine::options::Options;
 use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, ProjectError, Split, Task};
-use linecarve_engine::tiles::{PointMesh, Project, carry_out_all, mesh_points, plan, write_mesh};
+use linecarve_engine::tiles::{
+    Planned, PointMesh, Project, carry_out_all, mesh_points, plan, write_mesh,
+};
 use linecarve_engine::{Input, SourceChoice};
 use linecarve_mesh::{GltfFrame, TriangleMesh, read_geometry};
 
@@ -63,7 +66,8 @@ pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outco
             if verbosity > Verbosity::Quiet {
                 say!("{points} points do not fit into the memory that is free: carving in tiles");
             }
-            (in_tiles(&input, options, &args.out)?, None)
+            let (mesh, counts) = in_tiles(&input, options, &args.out)?;
+            (mesh, counts.and_then(|counts| counts.left_out()))
         }
         None => {
             let made = at_once(&input, options, args.closed, &args.out)?;
@@ -127,18 +131,25 @@ fn at_once(
 }
 
 /// Carves the points in tiles, in a temporary folder beside the mesh.
-fn in_tiles(input: &Input, options: Options, out: &Path) -> anyhow::Result<TriangleMesh> {
+fn in_tiles(
+    input: &Input,
+    options: Options,
+    out: &Path,
+) -> anyhow::Result<(TriangleMesh, Option<ModelCounts>)> {
     let work = TemporaryFolder::create(folder_of(out))?;
     let split = Split {
         tiles: None,
         halo: linecarve_tiles::PlanOptions::default().halo,
         keyframes_of_task: KEYFRAMES_OF_TASK,
     };
-    plan(input, options, split, work.path())?;
+    let counts = match plan(input, options, split, work.path())? {
+        Planned::Model(_, counts) => Some(counts),
+        Planned::Sequence(_) => None,
+    };
     let carry_out = |task: Task| Project::open(work.path())?.carry_out(task);
     let (project, _) = carry_out_all::<ProjectError>(work.path(), 1, carry_out)?;
     let (path, _) = write_mesh(&project)?;
-    Ok(read_geometry(&path)?.into_mesh())
+    Ok((read_geometry(&path)?.into_mesh(), counts))
 }
 
 /// The number of points of a dense cloud that does not fit into the memory that is free.
@@ -270,7 +281,7 @@ mod tests {
     }
 
     fn demand_same_in_tiles(input: &Input, out: &Path) {
-        let tiled = in_tiles(input, Options::default(), out).unwrap();
+        let (tiled, _) = in_tiles(input, Options::default(), out).unwrap();
         let whole = at_once(input, Options::default(), false, out).unwrap().mesh;
         assert!(whole.triangles.len() > 1000);
         assert_eq!(tiled.triangles, whole.triangles);

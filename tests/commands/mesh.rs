@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::program::{colmap_relief, expect_status, text};
+use crate::program::{colmap_relief, expect_status, stderr, text};
 
 /// A small city, as a workspace of COLMAP.
 fn city_in(folder: &Path) -> PathBuf {
@@ -92,6 +92,49 @@ fn points_with_normals_need_cameras() {
     let output = expect_status(2, other.into_iter().chain(["--out", text(&second)]));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(said.contains("nx, ny, nz"), "{said}");
+}
+
+/// Overwrites bytes of each of some points of a cloud, from this place of a row.
+fn spoil(cloud: &Path, points: std::ops::Range<usize>, at: usize, bytes: &[u8]) {
+    /// Single-precision position and normal, and a colour.
+    const ROW: usize = 27;
+    let mut file = std::fs::read(cloud).unwrap();
+    let end = b"end_header\n";
+    let start = file.windows(end.len()).position(|it| it == end).unwrap() + end.len();
+    for point in points {
+        let place = start + ROW * point + at;
+        file[place..place + bytes.len()].copy_from_slice(bytes);
+    }
+    std::fs::write(cloud, file).unwrap();
+}
+
+#[test]
+fn points_without_position_or_normal_are_counted_as_such() {
+    let folder = tempfile::tempdir().unwrap();
+    let city = city_in(folder.path());
+    let (cloud, mesh) = (city.join("fused.ply"), folder.path().join("mesh.ply"));
+    spoil(&cloud, 0..10, 4, &f32::NAN.to_le_bytes());
+    spoil(&cloud, 100..120, 12, &[0; 12]);
+    spoil(&cloud, 200..205, 16, &f32::INFINITY.to_le_bytes());
+    let command = ["mesh", text(&city), "--out", text(&mesh)];
+    let said = stderr(&expect_status(0, command));
+    assert!(said.contains("10 not finite"), "{said}");
+    let sparse = city.join("sparse");
+    let by_normals = ["mesh", text(&cloud), "--out", text(&mesh), "--cameras"];
+    let said = stderr(&expect_status(
+        0,
+        by_normals.into_iter().chain([text(&sparse)]),
+    ));
+    assert!(
+        said.contains("10 not finite, 25 without a usable normal"),
+        "{said}"
+    );
+    let work = folder.path().join("work");
+    let said = stderr(&expect_status(
+        0,
+        ["tiles", "plan", text(&cloud), text(&work)],
+    ));
+    assert!(said.contains("10 not finite"), "{said}");
 }
 
 /// A cloud that is too large for the memory that is free, of which the files hold nothing but zeros.

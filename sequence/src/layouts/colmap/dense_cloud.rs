@@ -24,6 +24,15 @@ pub struct DenseCloud {
     visibility: Visibility,
 }
 
+/// Numbers of points of a cloud that cannot be used.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct SkippedPoints {
+    /// Points with a coordinate that is not finite.
+    pub not_finite: usize,
+    /// Other points with a normal that is zero or not finite, where the normals decide on the views.
+    pub without_normal: usize,
+}
+
 /// Where the views of points come from.
 #[derive(Debug)]
 enum Visibility {
@@ -132,14 +141,15 @@ impl DenseCloud {
         &self.views
     }
 
-    /// Passes the finite points to `take`.
+    /// Passes the points to `take`, except for those that are not finite or have no usable normal; returns their numbers.
     ///
     /// # Errors
     /// When a file cannot be read, both differ in their number of points, or one names an unknown image; and what `take` returns.
     pub fn visit<E: From<SequenceError>>(
         &self,
         mut take: impl FnMut(ModelPoint) -> Result<(), E>,
-    ) -> Result<(), E> {
+    ) -> Result<SkippedPoints, E> {
+        let mut skipped = SkippedPoints::default();
         let mut rows = open_regular(&self.cloud).map_err(io(&self.cloud))?;
         let start = SeekFrom::Start(self.rows.start);
         rows.seek(start).map_err(io(&self.cloud))?;
@@ -155,23 +165,30 @@ impl DenseCloud {
         for _ in 0..self.rows.count {
             rows.read_exact(&mut row).map_err(io(&self.cloud))?;
             let point_in_world = Point3::from(numbers(&row, &self.rows.coordinates));
-            let mut observations = match &mut views {
-                ViewReader::File(file) => file.next()?,
+            let is_finite = point_in_world.iter().all(|x| x.is_finite());
+            let observations = match &mut views {
+                // The lists of all points follow each other.
+                ViewReader::File(file) => Some(file.next()?),
                 ViewReader::Normals(places, facing) => {
-                    facing.of(&point_in_world, &Vector3::from(numbers(&row, places)))
+                    let normal = Vector3::from(numbers(&row, places));
+                    let is_usable = normal.iter().all(|x| x.is_finite()) && normal.amax() > 0.0;
+                    is_usable.then(|| facing.of(&point_in_world, &normal))
                 }
+            };
+            skipped.not_finite += usize::from(!is_finite);
+            skipped.without_normal += usize::from(is_finite && observations.is_none());
+            let Some(mut observations) = observations.filter(|_| is_finite) else {
+                continue;
             };
             observations.sort_unstable_by_key(|observation| observation.view);
             observations.dedup_by_key(|observation| observation.view);
-            if point_in_world.iter().all(|x| x.is_finite()) {
-                take(ModelPoint {
-                    point_in_world,
-                    color: self.rows.colors.map(|at| at.map(|at| row[at])),
-                    observations,
-                })?;
-            }
+            take(ModelPoint {
+                point_in_world,
+                color: self.rows.colors.map(|at| at.map(|at| row[at])),
+                observations,
+            })?;
         }
-        Ok(())
+        Ok(skipped)
     }
 }
 
