@@ -6,7 +6,7 @@ use anyhow::Context;
 use linecarve_engine::run::CancelToken;
 use linecarve_engine::video::is_video;
 use linecarve_engine::{Reconstruction, Recording, RunOptions};
-use linecarve_mesh::{GltfFrame, Shape, read_geometry};
+use linecarve_mesh::{GltfFrame, Shape, ShapeKind, read_geometry};
 use linecarve_structure::{StructureOptions, StructureSummary, measured_text};
 use nalgebra::{Point3, Vector3};
 
@@ -53,9 +53,7 @@ fn mesh_file(path: &Path) -> Option<PathBuf> {
     }
     let extension = path.extension()?.to_str()?.to_ascii_lowercase();
     let is_mesh = ["glb", "gltf", "obj", "ply", "stl"].contains(&extension.as_str());
-    // A PLY file without triangles may be a model of points, which is carved.
-    let has_triangles = || read_geometry(path).map_or(true, |it| !it.triangles.is_empty());
-    (path.is_file() && is_mesh && has_triangles()).then(|| path.to_owned())
+    (path.is_file() && is_mesh).then(|| path.to_owned())
 }
 
 /// A file of a run in the first format that it has.
@@ -67,7 +65,13 @@ fn run_file(folder: &Path, name: &str) -> Option<PathBuf> {
 fn of_file(file: &Path, args: &StructureArgs) -> anyhow::Result<Option<StructureSummary>> {
     let reason = format!("{} is a mesh, and no sequence", file.display());
     refuse_unused(&args.given_of_sequences(), &reason)?;
-    let mesh = read_geometry(file)?.into_mesh();
+    let shape = read_geometry(file)?;
+    anyhow::ensure!(
+        matches!(shape.kind(), ShapeKind::Mesh | ShapeKind::Empty),
+        "{} has no triangles, and planes are those of a mesh: make one of its points with linecarve mesh",
+        file.display()
+    );
+    let mesh = shape.into_mesh();
     let of_run = file
         .parent()
         .and_then(|folder| run_file(folder, "clusters"));

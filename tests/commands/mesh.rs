@@ -137,6 +137,35 @@ fn points_without_position_or_normal_are_counted_as_such() {
     assert!(said.contains("10 not finite"), "{said}");
 }
 
+#[test]
+fn a_cloud_without_its_views_names_the_file_and_the_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let city = city_in(folder.path());
+    let views = city.join("fused.ply.vis");
+    let mesh = folder.path().join("mesh.ply");
+    let command = ["mesh", text(&city), "--out", text(&mesh)];
+    let file = std::fs::read(&views).unwrap();
+    for (bytes, words) in [
+        (
+            Some(&file[..0]),
+            "fused.ply.vis: byte 0: the file ends too early",
+        ),
+        (Some(&file[..100]), "too early"),
+        (None, "fused.ply.vis: is missing"),
+    ] {
+        match bytes {
+            Some(bytes) => std::fs::write(&views, bytes).unwrap(),
+            None => std::fs::remove_file(&views).unwrap(),
+        }
+        let said = stderr(&expect_status(2, command));
+        assert!(said.contains(words), "{said}");
+    }
+    // Before anything is read.
+    std::fs::create_dir(&mesh).unwrap();
+    let said = stderr(&expect_status(2, command));
+    assert!(said.contains("mesh.ply is a folder"), "{said}");
+}
+
 /// A cloud that is too large for the memory that is free, of which the files hold nothing but zeros.
 #[cfg(target_os = "linux")]
 fn endless_cloud(folder: &Path) -> PathBuf {

@@ -212,11 +212,15 @@ impl<'a> VisibilityFile<'a> {
         view_of_image: &'a [u32],
         cloud: &DenseCloud,
     ) -> Result<Self, SequenceError> {
+        fused::demand_visibility(&cloud.cloud)?;
         let file = open_regular(path).map_err(io(path))?;
-        let mut reader = BufReader::with_capacity(1 << 20, file);
-        let mut count = [0; 8];
-        reader.read_exact(&mut count).map_err(io(path))?;
-        let count = u64::from_le_bytes(count);
+        let mut file = Self {
+            path,
+            view_of_image,
+            reader: BufReader::with_capacity(1 << 20, file),
+            at: 0,
+        };
+        let count = u64::from_le_bytes(file.bytes()?);
         if count != cloud.rows.count {
             let problem = format!(
                 "has {} points, {} has {count}: fuse both again",
@@ -226,12 +230,7 @@ impl<'a> VisibilityFile<'a> {
             let path = cloud.cloud.clone();
             return Err(SequenceError::Content { path, problem });
         }
-        Ok(Self {
-            path,
-            view_of_image,
-            reader,
-            at: 8,
-        })
+        Ok(file)
     }
 
     /// The views of the next point.
@@ -252,15 +251,19 @@ impl<'a> VisibilityFile<'a> {
     }
 
     fn u32(&mut self) -> Result<u32, SequenceError> {
-        let mut bytes = [0; 4];
+        self.bytes().map(u32::from_le_bytes)
+    }
+
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], SequenceError> {
+        let mut bytes = [0; N];
         (self.reader.read_exact(&mut bytes)).map_err(|error| match error.kind() {
             std::io::ErrorKind::UnexpectedEof => {
                 self.error("the file ends too early (truncated?): copy it again".to_owned())
             }
             _ => io(self.path)(error),
         })?;
-        self.at += 4;
-        Ok(u32::from_le_bytes(bytes))
+        self.at += N as u64;
+        Ok(bytes)
     }
 
     fn error(&self, problem: String) -> SequenceError {
