@@ -15,7 +15,7 @@ mod track;
 mod values;
 mod view;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -143,6 +143,25 @@ pub struct SequenceArgs {
     pub accept_as_is: bool,
 }
 
+impl SequenceArgs {
+    /// The files that options name.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
+        let files = self.poses.iter().chain(&self.calibration);
+        files.map(PathBuf::as_path)
+    }
+
+    /// Names of the options that were given.
+    pub fn given(&self) -> Vec<&'static str> {
+        names_given([
+            ("--layout", self.layout.is_some()),
+            ("--model", self.model.is_some()),
+            ("--poses", self.poses.is_some()),
+            ("--calibration", self.calibration.is_some()),
+            ("--accept-as-is", self.accept_as_is),
+        ])
+    }
+}
+
 /// The page of a run that goes on.
 #[derive(Debug, Args)]
 pub struct LiveArgs {
@@ -191,17 +210,21 @@ pub struct KeyframeArgs {
 impl KeyframeArgs {
     /// Names of the options that were given.
     pub fn given(&self) -> Vec<&'static str> {
-        let given = [
+        names_given([
             ("--every", self.every.is_some()),
             ("--keyframes", self.keyframes.is_some()),
             ("--min-translation", self.min_translation.is_some()),
             ("--min-rotation", self.min_rotation.is_some()),
             ("--sharpness-window", self.sharpness_window.is_some()),
             ("--max-keyframes", self.max_keyframes.is_some()),
-        ];
-        let given = given.iter().filter(|(_, is_given)| *is_given);
-        given.map(|(name, _)| *name).collect()
+        ])
     }
+}
+
+/// The names of the options that were given.
+fn names_given<const N: usize>(options: [(&'static str, bool); N]) -> Vec<&'static str> {
+    let given = options.iter().filter(|(_, is_given)| *is_given);
+    given.map(|(name, _)| *name).collect()
 }
 
 impl StageArgs {
@@ -408,15 +431,15 @@ pub struct RenderArgs {
 
     /// Which way is up, for views that no sequence gives; default: what `report.json` beside the mesh says, else
     /// 0,-1,0.
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true, conflicts_with = "sequence")]
     pub up: Option<[f64; 3]>,
 
     /// Vertical field of view of --eye.
-    #[arg(long, value_name = "DEGREES", value_parser = number(0.1..=179.0), default_value_t = 60.0)]
+    #[arg(long, value_name = "DEGREES", value_parser = number(0.1..=179.0), requires = "eye", default_value_t = 60.0)]
     pub field_of_view: f64,
 
     /// Size of the picture, for views that no sequence gives.
-    #[arg(long, value_name = "WxH", default_value = "1280x960", value_parser = parse_size)]
+    #[arg(long, value_name = "WxH", default_value = "1280x960", conflicts_with = "sequence", value_parser = parse_size)]
     pub size: (u32, u32),
 }
 

@@ -28,7 +28,7 @@ pub use slurm::slurm_script;
 pub use task::{Task, TaskStage};
 pub use whole::{PointMesh, mesh_points};
 
-use crate::map::close_all_holes;
+use crate::map::{ModelCounts, close_all_holes};
 use crate::options::{HoleFilling, Options};
 use crate::recording::{Input, SourceChoice};
 use selection::Opened;
@@ -73,8 +73,8 @@ pub struct Split {
 
 /// What was planned.
 pub enum Planned {
-    /// The tiles of a model.
-    Model(Box<Work>),
+    /// The tiles of a model, and the numbers of its carved and rejected points.
+    Model(Box<Work>, ModelCounts),
     /// The keyframes of a sequence; its tiles follow with the intake.
     Sequence(Box<SequencePlan>),
 }
@@ -105,7 +105,8 @@ pub fn plan(
     Ok(match Opened::new(input, cloud.as_ref(), options, folder)? {
         Opened::Points(points) => {
             ensure_no_sequence(folder)?;
-            Planned::Model(Box::new(points.plan(split, folder)?))
+            let counts = points.counts;
+            Planned::Model(Box::new(points.plan(split, folder)?), counts)
         }
         Opened::Recording(recording) => {
             let plan = SequencePlan::create(&recording, input, split, folder)?;

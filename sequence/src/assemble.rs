@@ -1,6 +1,6 @@
 //! A sequence from its recording: colour camera poses, image sizes and the calibration of depth.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -206,6 +206,7 @@ pub(super) fn assemble(
         other_quaternion,
         sparse_model,
         unread: Vec::new(),
+        read_entries: BTreeSet::new(),
         warnings,
         conventions,
     };

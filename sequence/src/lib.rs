@@ -54,7 +54,7 @@ pub use keyframes::{
     KeyframeListError, KeyframeOptions, KeyframeOptionsError, OnlineKeyframes, every_nth,
     read_keyframe_list, select_keyframes,
 };
-pub use layouts::DenseCloud;
+pub use layouts::{DenseCloud, SkippedPoints};
 pub use live::{LiveCamera, LiveFrame, LiveSequence};
 pub use load::{ColorImage, DepthImage, LoadedDepth};
 pub use open::{OpenOptions, video_to_unpack};

@@ -147,6 +147,7 @@ impl Sequence {
         };
         sequence.has_poses = source == PoseSource::Layout || options.poses.is_some();
         sequence.unread = unread::find(&folder, &sequence, given);
+        sequence.read_entries = unread::read_entries(&folder, &sequence);
         sequence.warnings.extend(unread::warning(&sequence.unread));
         Ok(sequence)
     }

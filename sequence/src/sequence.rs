@@ -1,6 +1,6 @@
 //! A posed image sequence, opened from its files.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
@@ -150,6 +150,8 @@ pub struct Sequence {
     pub(super) other_quaternion: Option<QuaternionOrder>,
     pub(super) sparse_model: Option<SparseModel>,
     pub(super) unread: Vec<UnreadFile>,
+    /// Entries of the folder that were read.
+    pub(super) read_entries: BTreeSet<String>,
     pub(super) warnings: Vec<Warning>,
     pub(super) conventions: Vec<String>,
 }

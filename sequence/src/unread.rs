@@ -226,6 +226,15 @@ fn speaks_of_poses(path: &Path, lower: &str) -> bool {
     WORDS.iter().any(|word| text.contains(&format!("\"{word}")))
 }
 
+/// The entries of the folder that a reader used.
+pub(super) fn read_entries(folder: &Folder, sequence: &Sequence) -> BTreeSet<String> {
+    let mut used = image_folders(folder, sequence);
+    let others = folder.names().iter().filter(|name| folder.is_claimed(name));
+    used.extend(others.cloned());
+    used.extend(folder.file().map(str::to_owned));
+    used
+}
+
 /// Says which files of a folder look like calibration, which no layout read.
 pub(super) fn calibrations(folder: &Path) -> String {
     let Ok(folder) = Folder::list(folder) else {
@@ -421,5 +430,25 @@ impl Sequence {
     /// Files of the folder that look like poses, depth or calibration, and that no reader used.
     pub fn unread_files(&self) -> &[UnreadFile] {
         &self.unread
+    }
+
+    /// Whether an existing file is one that this sequence is read from: an image, or another entry of its folder that the layout uses, or a
+    /// file inside such an entry.
+    pub fn reads(&self, file: &Path) -> bool {
+        let (Ok(file), Ok(folder)) = (file.canonicalize(), self.folder.canonicalize()) else {
+            return false;
+        };
+        let inside = file.strip_prefix(folder).ok();
+        let entry = inside.and_then(|inside| inside.components().next());
+        let entry = entry.and_then(|entry| entry.as_os_str().to_str());
+        if entry.is_some_and(|entry| self.read_entries.contains(entry)) {
+            return true;
+        }
+        let mut images = self.frames.iter().flat_map(|frame| {
+            let others = [&frame.depth, &frame.right].into_iter().flatten();
+            std::iter::once(&frame.color).chain(others)
+        });
+        // Images that are links are read from elsewhere.
+        images.any(|image| image.canonicalize().is_ok_and(|image| image == file))
     }
 }

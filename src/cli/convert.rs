@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use super::names_given;
 use super::ranges::number;
 
 /// Arguments of `convert`.
@@ -42,6 +43,18 @@ pub struct ConvertArgs {
     pub errors: RecordingErrors,
 }
 
+impl ConvertArgs {
+    /// Names of the options of sequences that were given.
+    pub(crate) fn given_of_sequences(&self) -> Vec<&'static str> {
+        names_given([
+            ("--layout", self.layout.is_some()),
+            ("--model", self.model.is_some()),
+            ("--poses", self.poses.is_some()),
+            ("--calibration", self.calibration.is_some()),
+        ])
+    }
+}
+
 /// Errors that a recording is written with, to try what a reconstruction makes of them.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Errors of recordings, for tests")]
@@ -67,12 +80,25 @@ pub struct RecordingErrors {
     pub error_pixels: f64,
 
     /// How these pixels are written; confidence with --to stray-scanner and --to depth-anything-3.
-    #[arg(long, value_enum, value_name = "HOW", default_value_t = WrongPixels::Unmarked)]
+    #[arg(long, value_enum, value_name = "HOW", requires = "error_pixels", default_value_t = WrongPixels::Unmarked)]
     pub error_marks: WrongPixels,
 
     /// Seed of the errors.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub error_seed: u64,
+}
+
+impl RecordingErrors {
+    /// Names of the options that were given.
+    pub(crate) fn given(&self) -> Vec<&'static str> {
+        names_given([
+            ("--error-scale", self.error_scale != 0.0),
+            ("--error-shift", self.error_shift != 0.0),
+            ("--error-position", self.error_position != 0.0),
+            ("--error-rotation", self.error_rotation != 0.0),
+            ("--error-pixels", self.error_pixels != 0.0),
+        ])
+    }
 }
 
 /// How pixels with wrong depth are written.
@@ -132,4 +158,17 @@ pub enum Target {
     Ply,
     /// Mesh or lines: binary glTF, +Y up.
     Glb,
+}
+
+impl Target {
+    /// Whether it is a file of a mesh, lines or a cloud.
+    pub(crate) fn is_geometry(self) -> bool {
+        matches!(self, Self::Obj | Self::Ply | Self::Glb)
+    }
+
+    /// Whether it is one file, not a folder.
+    pub(crate) fn is_file(self) -> bool {
+        use Target::{Euroc, Kitti, Open3dLog, Transforms, Tum};
+        self.is_geometry() || matches!(self, Tum | Euroc | Kitti | Open3dLog | Transforms)
+    }
 }

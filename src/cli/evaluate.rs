@@ -9,6 +9,30 @@ use super::KeyframeArgs;
 use super::ranges::{MOST_SAMPLES, coordinate, length, whole};
 use linecarve_mesh::evaluate::Region;
 
+/// Options of shapes, which trajectories do not have.
+const OF_SHAPES: [&str; 20] = [
+    "shape",
+    "ground_truth",
+    "trajectories",
+    "thresholds",
+    "roi",
+    "roi_margin",
+    "samples",
+    "seed",
+    "step",
+    "observed",
+    "calibration",
+    "behind",
+    "far",
+    "heat_map",
+    "every",
+    "keyframes",
+    "min_translation",
+    "min_rotation",
+    "sharpness_window",
+    "max_keyframes",
+];
+
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
 pub struct EvaluateArgs {
@@ -21,7 +45,7 @@ pub struct EvaluateArgs {
     pub ground_truth: Option<PathBuf>,
 
     /// A trajectory to measure in place of a shape: rows `seconds tx ty tz qx qy qz qw`.
-    #[arg(long, value_name = "FILE", requires = "reference", conflicts_with_all = ["shape", "ground_truth"])]
+    #[arg(long, value_name = "FILE", requires = "reference", conflicts_with_all = OF_SHAPES)]
     pub trajectory: Option<PathBuf>,
 
     /// The true trajectory: a file of such rows, or the folder of a sequence with poses.

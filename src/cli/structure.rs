@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::ranges::whole;
-use super::{DepthArg, KeyframeArgs, SequenceArgs, parse_up};
+use super::{DepthArg, KeyframeArgs, SequenceArgs, names_given, parse_up};
 
 /// Arguments of `structure`.
 #[derive(Debug, Args)]
@@ -46,4 +46,17 @@ pub struct StructureArgs {
     /// Print structure.json on standard output in place of text.
     #[arg(long)]
     pub json: bool,
+}
+
+impl StructureArgs {
+    /// Names of the options of sequences that were given.
+    pub(crate) fn given_of_sequences(&self) -> Vec<&'static str> {
+        let mut given = self.input.given();
+        given.extend(self.selection.given());
+        given.extend(names_given([
+            ("--depth", self.depth != DepthArg::Auto),
+            ("--config", self.config.is_some()),
+        ]));
+        given
+    }
 }

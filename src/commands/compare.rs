@@ -6,7 +6,7 @@ use linecarve_mesh::files::write_atomically;
 
 use crate::cli::CompareArgs;
 use crate::commands::Outcome;
-use crate::commands::input::{input, parameters};
+use crate::commands::input::{input, named_files, used_parameters};
 use crate::compare::{
     Comparison, GroundTruth, SurfaceSummary, Warnings, compared_run, score_table,
     write_compare_page, write_pictures, write_surfaces,
@@ -18,6 +18,8 @@ use linecarve_engine::{Recording, Source};
 
 pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let mut output = OutputFolder::create(&args.out, &[&args.input.sequence])?;
+    output.keep_inputs(named_files(&args.input, &args.selection, &args.stages))?;
+    output.keep_inputs(args.ground_truth.as_deref())?;
     // Read before the work begins: a wrong path should not cost a run.
     let mut options = EvaluationOptions::default();
     options.thresholds = args.thresholds.clone();
@@ -35,7 +37,8 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         verbosity,
     );
     input.up = args.stages.up;
-    let recording = Recording::open(&input, parameters(&args.stages, &args.selection)?)?;
+    let parameters = used_parameters(&args.stages, &args.selection, &["simplify"])?;
+    let recording = Recording::open(&input, parameters)?;
     let mut warnings = Warnings::new(verbosity);
     warnings.extend(recording.warnings.iter().cloned());
 
@@ -107,6 +110,7 @@ pub(super) fn run(args: &CompareArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         serde_json::to_writer_pretty(&mut *out, &comparison).map_err(std::io::Error::other)?;
         out.write_all(b"\n")
     })?;
+    output.remove_stale()?;
     if args.stages.json {
         print_object(&comparison)?;
     }

@@ -1,6 +1,6 @@
 //! `linecarve convert`: trajectories, maps, meshes and lines in the formats of other programs.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 
@@ -8,8 +8,9 @@ use crate::cli::{ConvertArgs, RecordingErrors, SequenceArgs, Target, WrongPixels
 use crate::commands::Outcome;
 use crate::commands::convert_geometry::convert_geometry;
 use crate::commands::input::open;
+use crate::commands::unused::refuse_unused;
 use crate::progress::Verbosity;
-use crate::sinks::keep_apart;
+use crate::sinks::{check_outputs, keep_apart, keep_sequence};
 use crate::standard_error::say;
 use linecarve_sequence::Sequence;
 use linecarve_sequence::export::{
@@ -22,9 +23,23 @@ pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         Some(target) => target,
         None => by_extension(&args.out)?,
     };
-    let is_geometry = matches!(target, Target::Obj | Target::Ply | Target::Glb);
-    if is_geometry {
+    if recording_layout(target).is_none() {
+        let reason =
+            "only recordings with depth (--to stray-scanner and so on) are written with errors";
+        refuse_unused(&args.errors.given(), reason)?;
+    }
+    if target.is_geometry() {
+        let reason = "meshes, lines and clouds are no sequences";
+        refuse_unused(&args.given_of_sequences(), reason)?;
         return convert_geometry(&args.input, &args.out, target);
+    }
+    if target.is_file() {
+        let inputs = [&args.input].into_iter().chain(&args.poses);
+        let inputs: Vec<&Path> = inputs
+            .chain(&args.calibration)
+            .map(PathBuf::as_path)
+            .collect();
+        check_outputs(&[("--out", &args.out)], &inputs)?;
     }
     let sequence = open(&SequenceArgs {
         sequence: args.input.clone(),
@@ -35,6 +50,9 @@ pub(super) fn run(args: &ConvertArgs, verbosity: Verbosity) -> anyhow::Result<Ou
         accept_as_is: true,
     })
     .with_context(|| format!("{target:?} is written from a sequence"))?;
+    if target.is_file() {
+        keep_sequence(("--out", &args.out), &sequence)?;
+    }
     if verbosity > Verbosity::Quiet {
         for warning in sequence.warnings() {
             say!("warning: {warning}");

@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 
 use crate::cli::Target;
 use crate::commands::Outcome;
+use crate::sinks::check_outputs;
 use linecarve_mesh::{
     Geometry, GlbPart, LineSet, ShapeKind, TriangleMesh, read_geometry, write_glb, write_lines_obj,
     write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
@@ -26,6 +27,7 @@ pub(super) fn convert_geometry(
          colmap or transforms",
         input.display()
     );
+    check_outputs(&[("--out", out)], &[input])?;
     let shape = read_geometry(input)?;
     if shape.kind() == ShapeKind::Cloud {
         anyhow::ensure!(

@@ -7,13 +7,20 @@ use anyhow::Context;
 use crate::cli::DiffArgs;
 use crate::commands::Outcome;
 use crate::commands::heat_map::{Colored, write_heat_map};
-use crate::sinks::{print_object, print_text};
+use crate::sinks::{check_ending, check_outputs, print_object, print_text};
 use crate::text::error_text;
 use linecarve_mesh::diff::{DiffOptions, Difference, compare, write_junit, write_junit_failure};
 use linecarve_mesh::evaluate::{NearestPointIndex, ShapeSummary};
 use linecarve_mesh::{Shape, read_geometry};
 
 pub(super) fn run(args: &DiffArgs) -> anyhow::Result<Outcome> {
+    let junit = args.junit.as_deref().map(|path| ("--junit", path));
+    let heat_map = args.heat_map.as_deref().map(|path| ("--heat-map", path));
+    let outputs: Vec<_> = junit.into_iter().chain(heat_map).collect();
+    check_outputs(&outputs, &[&args.expected, &args.actual])?;
+    if let Some(output) = heat_map {
+        check_ending(output, "glb")?;
+    }
     let subject = format!("{} {}", name(&args.expected), name(&args.actual));
     let compared = compared(args);
     if let (Err(error), Some(path)) = (&compared, &args.junit) {

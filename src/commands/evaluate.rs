@@ -10,8 +10,9 @@ use crate::commands::Outcome;
 use crate::commands::evaluate_trajectory::{evaluate_trajectory, similarity_between};
 use crate::commands::heat_map::{Colored, write_heat_map};
 use crate::commands::observed::observe;
+use crate::commands::unused::refuse_unused;
 use crate::progress::Verbosity;
-use crate::sinks::{print_object, print_text};
+use crate::sinks::{check_ending, check_outputs, print_object, print_text};
 use crate::standard_error::say;
 use crate::text::evaluation_text;
 use linecarve_mesh::evaluate::{
@@ -26,6 +27,15 @@ pub(super) fn run(args: &EvaluateArgs, verbosity: Verbosity) -> anyhow::Result<O
     let (Some(shape_file), Some(truth_file)) = (&args.shape, &args.ground_truth) else {
         bail!("give a shape with --ground-truth, or --trajectory with --reference");
     };
+    if args.observed.is_none() {
+        let reason = "keyframes are those of --observed";
+        refuse_unused(&args.selection.given(), reason)?;
+    }
+    if let Some(path) = &args.heat_map {
+        let output = ("--heat-map", path.as_path());
+        check_outputs(&[output], &[shape_file, truth_file])?;
+        check_ending(output, "glb")?;
+    }
     let mut options = EvaluationOptions::default();
     options.thresholds = args.thresholds.clone();
     options.samples = args.samples;

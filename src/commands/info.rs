@@ -2,14 +2,13 @@
 
 use std::path::Path;
 
-use anyhow::{Context, ensure};
-use tempfile::TempDir;
+use anyhow::ensure;
 
 use crate::cli::InfoArgs;
 use crate::commands::Outcome;
 use crate::commands::input::{open_options, unpack_pictures};
 use crate::progress::Verbosity;
-use crate::sinks::{print_object, print_text};
+use crate::sinks::{TemporaryFolder, print_object, print_text};
 use crate::standard_error::say;
 use crate::text::{sequence_text, video_text};
 use linecarve_engine::tracking::{TrackingMode, open_with_or_without_poses};
@@ -61,10 +60,10 @@ fn first_pictures(
     video: &Path,
     open: &mut OpenOptions,
     verbosity: Verbosity,
-) -> anyhow::Result<TempDir> {
+) -> anyhow::Result<TemporaryFolder> {
     /// Two seconds, or four: enough motion to compare poses and images.
     const MOST: usize = 120;
-    let folder = tempfile::tempdir().context("cannot make a temporary folder")?;
+    let folder = TemporaryFolder::create(&std::env::temp_dir())?;
     unpack_pictures(video, folder.path(), Some(MOST), open, verbosity)?;
     if verbosity > Verbosity::Quiet {
         say!(

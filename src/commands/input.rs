@@ -4,11 +4,11 @@ use std::path::Path;
 
 use anyhow::bail;
 
+use super::unused::read_configuration;
 use crate::cli::{KeyframeArgs, PresetArg, SequenceArgs, StageArgs};
 use crate::progress::Verbosity;
 use crate::sinks::OutputFolder;
 use crate::standard_error::say;
-use linecarve_engine::configuration::Configuration;
 use linecarve_engine::options::Options;
 use linecarve_engine::video::{Unpacking, of_video, unpack, unpack_as};
 use linecarve_engine::{Input, SourceChoice};
@@ -47,6 +47,18 @@ pub(super) fn open_options(args: &SequenceArgs) -> OpenOptions {
     options
 }
 
+/// The files that options of a run name.
+pub(super) fn named_files<'a>(
+    input: &'a SequenceArgs,
+    selection: &'a KeyframeArgs,
+    stages: &'a StageArgs,
+) -> impl Iterator<Item = &'a Path> {
+    let others = [&selection.keyframes, &stages.config].into_iter();
+    input
+        .files()
+        .chain(others.filter_map(|file| file.as_deref()))
+}
+
 /// Writes the images of a video to the output folder, and makes these the input.
 ///
 /// # Errors
@@ -64,6 +76,7 @@ pub(super) fn unpack_video(
     };
     let folder = output.subfolder("video")?;
     output.numbered("video/images", &["jpg"])?;
+    output.file("video/times.txt")?;
     for warning in unpack(&input.path, &folder, &verbosity.hook())? {
         if verbosity > Verbosity::Quiet {
             say!("warning: {warning}");
@@ -91,6 +104,7 @@ pub(super) fn unpack_recorded_video(
     };
     let folder = output.subfolder("video")?;
     output.numbered("video/images", &["jpg"])?;
+    output.file("video/times.txt")?;
     unpack_pictures(&video, &folder, None, open, verbosity)
 }
 
@@ -115,17 +129,18 @@ pub(super) fn unpack_pictures(
     Ok(())
 }
 
-/// The parameters that a preset or a configuration file gives; the defaults without either.
+/// The parameters that a preset or a configuration file gives; the defaults without either. The tables `unused` have no effect.
 ///
 /// # Errors
-/// When the configuration cannot be read; the text names file and key.
+/// When the configuration cannot be read or sets a table without effect; the text names file and key.
 pub(super) fn base_options(
     preset: Option<PresetArg>,
     config: Option<&Path>,
+    unused: &[&str],
 ) -> anyhow::Result<Options> {
     Ok(match (preset, config) {
         (Some(PresetArg::Paper), _) => Options::paper(),
-        (None, Some(path)) => Configuration::read(path)?.options(),
+        (None, Some(path)) => read_configuration(path, unused)?.options(),
         (None, None) => Options::default(),
     })
 }
@@ -135,7 +150,19 @@ pub(super) fn base_options(
 /// # Errors
 /// When the configuration cannot be read; the text names file and key.
 pub fn parameters(stages: &StageArgs, selection: &KeyframeArgs) -> anyhow::Result<Options> {
-    let mut options = base_options(stages.preset, stages.config.as_deref())?;
+    used_parameters(stages, selection, &[])
+}
+
+/// As [`parameters`], for a command on which the tables `unused` have no effect.
+///
+/// # Errors
+/// As [`parameters`], and when the configuration sets one of these tables.
+pub(super) fn used_parameters(
+    stages: &StageArgs,
+    selection: &KeyframeArgs,
+    unused: &[&str],
+) -> anyhow::Result<Options> {
+    let mut options = base_options(stages.preset, stages.config.as_deref(), unused)?;
     let size = &mut options.images.longest_side_px;
     *size = stages.max_image_size.unwrap_or(*size);
     keyframe_options(selection, &mut options);

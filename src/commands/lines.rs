@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::cli::LinesArgs;
 use crate::commands::Outcome;
-use crate::commands::input::{input, parameters};
+use crate::commands::input::{input, named_files, used_parameters};
 use crate::progress::Verbosity;
 use crate::sinks::{
     OutputFolder, RunLog, clusters_part, reason_for_nothing, segments_part, write_geometry,
@@ -16,7 +16,8 @@ use linecarve_engine::{Reconstruction, Recording, RunOptions};
 pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let started = Instant::now();
     let mut output = OutputFolder::create(&args.out, &[&args.input.sequence])?;
-    let options = parameters(&args.stages, &args.selection)?;
+    output.keep_inputs(named_files(&args.input, &args.selection, &args.stages))?;
+    let options = used_parameters(&args.stages, &args.selection, &["simplify"])?;
     let mut input = input(
         &args.input,
         &args.selection,
@@ -36,6 +37,7 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     if segments.is_empty() {
         let reason = reason_for_nothing(&run, log.keyframes());
         log.write(&mut output, started, args.stages.json)?;
+        output.remove_stale()?;
         return Ok(Outcome::Negative(format!("no segment was found: {reason}")));
     }
     let recording = run.recording();
@@ -49,5 +51,6 @@ pub(super) fn run(args: &LinesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     log.result().segments = segments.lines.len();
     log.result().clusters = clusters.lines.len();
     log.write(&mut output, started, args.stages.json)?;
+    output.remove_stale()?;
     Ok(Outcome::Done)
 }

@@ -2,23 +2,35 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 
 use crate::cli::{KnownOptions, MeshArgs};
 use crate::commands::Outcome;
 use crate::commands::heat_map::origin_of;
 use crate::progress::Verbosity;
-use crate::sinks::{surface_part, write_part};
+use crate::sinks::{TemporaryFolder, check_outputs, folder_of, surface_part, write_part};
 use crate::standard_error::say;
-use linecarve_engine::configuration::Configuration;
+use linecarve_engine::map::ModelCounts;
 use linecarve_engine::options::Options;
 use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, ProjectError, Split, Task};
-use linecarve_engine::tiles::{PointMesh, Project, carry_out_all, mesh_points, plan, write_mesh};
+use linecarve_engine::tiles::{
+    Planned, PointMesh, Project, carry_out_all, mesh_points, plan, write_mesh,
+};
 use linecarve_engine::{Input, SourceChoice};
 use linecarve_mesh::{GltfFrame, TriangleMesh, read_geometry};
 
+use super::input::base_options;
 use super::simplify::format_of;
 
+/// Tables of the configuration that points with views do not use.
+const OF_IMAGES: [&str; 6] = [
+    "keyframes",
+    "images",
+    "sensor",
+    "semi_dense",
+    "pose_correction",
+    "simplify",
+];
 /// Clouds in a workspace, the first that exists: of `colmap stereo_fusion`, of `colmap automatic_reconstructor`, of `DensifyPointCloud`.
 const CLOUDS: [&str; 4] = [
     "fused.ply",
@@ -32,11 +44,11 @@ const BYTES_OF_POINT: u64 = 1600;
 pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
     let format = format_of("--out", &args.out)?;
     let mut input = source(&cloud_of(&args.input));
+    let inputs = [&input.path].into_iter().chain(&args.cameras);
+    let inputs: Vec<&Path> = inputs.chain(&args.config).map(PathBuf::as_path).collect();
+    check_outputs(&[("--out", &args.out)], &inputs)?;
     input.cameras.clone_from(&args.cameras);
-    let mut options = match &args.config {
-        Some(path) => Configuration::read(path)?.options(),
-        None => Options::default(),
-    };
+    let mut options = base_options(None, args.config.as_deref(), &OF_IMAGES)?;
     let labels = &mut options.carving.labels;
     *labels = args.labels.map_or(*labels, Into::into);
     for (name, became) in translate(&args.known, &mut options) {
@@ -54,7 +66,8 @@ pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outco
             if verbosity > Verbosity::Quiet {
                 say!("{points} points do not fit into the memory that is free: carving in tiles");
             }
-            (in_tiles(&input, options, &args.out)?, None)
+            let (mesh, counts) = in_tiles(&input, options, &args.out)?;
+            (mesh, counts.and_then(|counts| counts.left_out()))
         }
         None => {
             let made = at_once(&input, options, args.closed, &args.out)?;
@@ -99,14 +112,6 @@ fn source(input: &Path) -> Input {
     options
 }
 
-/// The folder of a file.
-fn folder_of(file: &Path) -> &Path {
-    match file.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    }
-}
-
 /// Carves all points in this process, with temporary files beside the mesh.
 fn at_once(
     input: &Input,
@@ -125,23 +130,26 @@ fn at_once(
     Ok(made)
 }
 
-/// Carves the points in tiles, in a folder beside the mesh that is removed afterwards.
-fn in_tiles(input: &Input, options: Options, out: &Path) -> anyhow::Result<TriangleMesh> {
-    let beside = folder_of(out);
-    let work = tempfile::Builder::new()
-        .prefix(".linecarve-mesh")
-        .tempdir_in(beside)
-        .with_context(|| format!("{}: a folder for the tiles", beside.display()))?;
+/// Carves the points in tiles, in a temporary folder beside the mesh.
+fn in_tiles(
+    input: &Input,
+    options: Options,
+    out: &Path,
+) -> anyhow::Result<(TriangleMesh, Option<ModelCounts>)> {
+    let work = TemporaryFolder::create(folder_of(out))?;
     let split = Split {
         tiles: None,
         halo: linecarve_tiles::PlanOptions::default().halo,
         keyframes_of_task: KEYFRAMES_OF_TASK,
     };
-    plan(input, options, split, work.path())?;
+    let counts = match plan(input, options, split, work.path())? {
+        Planned::Model(_, counts) => Some(counts),
+        Planned::Sequence(_) => None,
+    };
     let carry_out = |task: Task| Project::open(work.path())?.carry_out(task);
     let (project, _) = carry_out_all::<ProjectError>(work.path(), 1, carry_out)?;
     let (path, _) = write_mesh(&project)?;
-    Ok(read_geometry(&path)?.into_mesh())
+    Ok((read_geometry(&path)?.into_mesh(), counts))
 }
 
 /// The number of points of a dense cloud that does not fit into the memory that is free.
@@ -273,7 +281,7 @@ mod tests {
     }
 
     fn demand_same_in_tiles(input: &Input, out: &Path) {
-        let tiled = in_tiles(input, Options::default(), out).unwrap();
+        let (tiled, _) = in_tiles(input, Options::default(), out).unwrap();
         let whole = at_once(input, Options::default(), false, out).unwrap().mesh;
         assert!(whole.triangles.len() > 1000);
         assert_eq!(tiled.triangles, whole.triangles);

@@ -24,6 +24,7 @@ mod synth;
 mod tiles;
 mod tiles_state;
 mod track;
+mod unused;
 mod view;
 
 pub use reconstruct::reconstruct;

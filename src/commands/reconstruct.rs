@@ -7,7 +7,7 @@ use linecarve_mesh::TriangleMesh;
 
 use crate::cli::ReconstructArgs;
 use crate::commands::Outcome;
-use crate::commands::input::{input, parameters, unpack_recorded_video, unpack_video};
+use crate::commands::input::{input, named_files, parameters, unpack_recorded_video, unpack_video};
 use crate::commands::simplify::check_tolerance;
 use crate::process::{WatchError, end_beyond, watch as watch_process};
 use crate::progress::Verbosity;
@@ -67,6 +67,9 @@ pub fn reconstruct(
     let mut output = out
         .map(|out| OutputFolder::create(out, &[&args.input.sequence]))
         .transpose()?;
+    if let Some(output) = &output {
+        output.keep_inputs(named_files(&args.input, &args.selection, &args.stages))?;
+    }
     let is_final_only = args.final_only || out.is_none();
     let mut options = parameters(&args.stages, &args.selection)?;
     let labels = &mut options.carving.labels;
@@ -148,6 +151,7 @@ pub fn reconstruct(
     };
     if let Some(output) = &mut output {
         log.write(output, started, args.stages.json)?;
+        output.remove_stale()?;
     }
     if let Some(checkpoint) = checkpoint.filter(|_| cancelled.is_none()) {
         checkpoint.finish()?;

@@ -1,6 +1,6 @@
 //! `linecarve render`: a picture of a mesh and lines over it, of lines, or of points.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
 use image::RgbImage;
@@ -9,6 +9,7 @@ use nalgebra::Point3;
 use crate::cli::RenderArgs;
 use crate::commands::Outcome;
 use crate::commands::render_view::{given_view, outside_view};
+use crate::sinks::{check_ending, check_outputs};
 use linecarve_mesh::evaluate::NearestPointIndex;
 use linecarve_mesh::render::{
     BackFaces, HeatScale, RenderOptions, Renderer, View, with_color_bar, write_png,
@@ -19,7 +20,16 @@ use linecarve_mesh::{LineSet, Shape, ShapeKind, read_geometry, read_textured};
 const POINT_WIDTH_PX: f64 = 2.5;
 
 pub(super) fn run(args: &RenderArgs) -> anyhow::Result<Outcome> {
+    let output = ("--out", args.out.as_path());
+    check_ending(output, "png")?;
+    let inputs = [&args.mesh].into_iter().chain(&args.lines);
+    let inputs = inputs.chain(&args.errors).chain(&args.calibration);
+    let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
+    check_outputs(&[output], &inputs)?;
     let (shape, texture) = read_textured(&args.mesh)?;
+    if let Some(file) = texture.as_ref().and_then(|it| it.file.as_deref()) {
+        check_outputs(&[output], &[file])?;
+    }
     let over = args.lines.as_deref().map(read_geometry).transpose()?;
     let kinds = [Some(&shape), over.as_ref()].map(|it| it.map(Shape::kind));
     if kinds[0] == Some(ShapeKind::Empty) {

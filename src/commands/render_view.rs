@@ -7,6 +7,7 @@ use linecarve_sequence::{OpenOptions, Sequence};
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::cli::RenderArgs;
+use crate::sinks::keep_sequence;
 
 /// What a frame saw, or the view from a point; `None` when neither is asked for.
 pub(super) fn given_view(args: &RenderArgs) -> anyhow::Result<Option<View>> {
@@ -14,6 +15,7 @@ pub(super) fn given_view(args: &RenderArgs) -> anyhow::Result<Option<View>> {
         let mut open = OpenOptions::default();
         open.calibration = args.calibration.clone();
         let sequence = Sequence::open(folder, &open)?;
+        keep_sequence(("--out", &args.out), &sequence)?;
         return Ok(Some(view_of_frame(&sequence, &args.frame)?));
     }
     match (args.eye, args.target) {

@@ -1,6 +1,6 @@
 //! `linecarve simplify`: the same surface with fewer triangles.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use serde::Serialize;
@@ -9,7 +9,8 @@ use crate::cli::SimplifyArgs;
 use crate::commands::Outcome;
 use crate::commands::heat_map::origin_of;
 use crate::sinks::{
-    Format, feature_edges_part, line_ends, print_object, print_text, surface_part, write_part,
+    Format, check_outputs, feature_edges_part, line_ends, print_object, print_text, surface_part,
+    write_part,
 };
 use linecarve_mesh::diff::Tolerance;
 use linecarve_mesh::feature_edges::FeatureLines;
@@ -43,6 +44,15 @@ struct Summary {
 
 pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
     let format = format_of("--out", &args.out)?;
+    let edges = args.feature_edges.as_deref();
+    let edges = edges.map(|path| ("--feature-edges", path));
+    let outputs: Vec<_> = [("--out", args.out.as_path())]
+        .into_iter()
+        .chain(edges)
+        .collect();
+    let inputs = [&args.mesh].into_iter().chain(&args.lines);
+    let inputs: Vec<&Path> = inputs.map(PathBuf::as_path).collect();
+    check_outputs(&outputs, &inputs)?;
     let edges_format = match &args.feature_edges {
         Some(path) => Some((path, format_of("--feature-edges", path)?)),
         None => None,

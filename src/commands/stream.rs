@@ -23,7 +23,7 @@ use nalgebra::Vector3;
 const PATIENCE: Duration = Duration::from_millis(500);
 
 pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Outcome> {
-    let options = base_options(args.preset, args.config.as_deref())?;
+    let options = base_options(args.preset, args.config.as_deref(), &["simplify"])?;
     let mut output = args
         .out
         .as_deref()
@@ -108,6 +108,7 @@ pub(super) fn run(args: &StreamArgs, verbosity: Verbosity) -> anyhow::Result<Out
         if let Some(page) = page {
             write_page(&output.file("report.html")?, &page)?;
         }
+        output.remove_stale()?;
     }
     replies.send(&Reply::End {
         keyframes,

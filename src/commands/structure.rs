@@ -6,7 +6,7 @@ use anyhow::Context;
 use linecarve_engine::run::CancelToken;
 use linecarve_engine::video::is_video;
 use linecarve_engine::{Reconstruction, Recording, RunOptions};
-use linecarve_mesh::{GltfFrame, Shape, read_geometry};
+use linecarve_mesh::{GltfFrame, Shape, ShapeKind, read_geometry};
 use linecarve_structure::{StructureOptions, StructureSummary, measured_text};
 use nalgebra::{Point3, Vector3};
 
@@ -14,9 +14,11 @@ use crate::cli::StructureArgs;
 use crate::commands::Outcome;
 use crate::commands::heat_map::origin_of;
 use crate::commands::input::{base_options, input, keyframe_options};
+use crate::commands::unused::refuse_unused;
 use crate::progress::Verbosity;
 use crate::sinks::{
-    OutputFolder, StructureInput, final_mesh, line_ends, print_object, print_text, write_structure,
+    OutputFolder, StructureInput, final_mesh, keep_structure_inputs, line_ends, print_object,
+    print_text, write_structure,
 };
 
 /// Formats of the mesh and of the clusters of a run, the exact ones first.
@@ -51,9 +53,7 @@ fn mesh_file(path: &Path) -> Option<PathBuf> {
     }
     let extension = path.extension()?.to_str()?.to_ascii_lowercase();
     let is_mesh = ["glb", "gltf", "obj", "ply", "stl"].contains(&extension.as_str());
-    // A PLY file without triangles may be a model of points, which is carved.
-    let has_triangles = || read_geometry(path).map_or(true, |it| !it.triangles.is_empty());
-    (path.is_file() && is_mesh && has_triangles()).then(|| path.to_owned())
+    (path.is_file() && is_mesh).then(|| path.to_owned())
 }
 
 /// A file of a run in the first format that it has.
@@ -63,7 +63,15 @@ fn run_file(folder: &Path, name: &str) -> Option<PathBuf> {
 }
 
 fn of_file(file: &Path, args: &StructureArgs) -> anyhow::Result<Option<StructureSummary>> {
-    let mesh = read_geometry(file)?.into_mesh();
+    let reason = format!("{} is a mesh, and no sequence", file.display());
+    refuse_unused(&args.given_of_sequences(), &reason)?;
+    let shape = read_geometry(file)?;
+    anyhow::ensure!(
+        matches!(shape.kind(), ShapeKind::Mesh | ShapeKind::Empty),
+        "{} has no triangles, and planes are those of a mesh: make one of its points with linecarve mesh",
+        file.display()
+    );
+    let mesh = shape.into_mesh();
     let of_run = file
         .parent()
         .and_then(|folder| run_file(folder, "clusters"));
@@ -82,6 +90,8 @@ fn of_file(file: &Path, args: &StructureArgs) -> anyhow::Result<Option<Structure
         .unwrap_or([0.0, -1.0, 0.0])
         .into();
     let mut output = OutputFolder::create(&args.out, &[])?;
+    let inputs: Vec<&Path> = [file].into_iter().chain(args.lines.as_deref()).collect();
+    keep_structure_inputs(&output, &inputs)?;
     let input = StructureInput {
         mesh: &mesh,
         segments: &segments,
@@ -103,7 +113,10 @@ fn of_sequence(
         path.display()
     );
     let mut output = OutputFolder::create(&args.out, &[path])?;
-    let mut parameters = base_options(None, args.config.as_deref())?;
+    let files = args.input.files().chain(args.lines.as_deref());
+    let files: Vec<&Path> = files.chain(args.config.as_deref()).collect();
+    keep_structure_inputs(&output, &files)?;
+    let mut parameters = base_options(None, args.config.as_deref(), &[])?;
     keyframe_options(&args.selection, &mut parameters);
     let mut input = input(&args.input, &args.selection, args.depth.into(), verbosity);
     input.up = args.up;

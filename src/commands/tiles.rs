@@ -61,7 +61,10 @@ fn make_plan(args: &TilesPlanArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     if verbosity > Verbosity::Quiet {
         let next = format!("next: linecarve tiles run {}", args.work.display());
         match planned {
-            Planned::Model(work) => {
+            Planned::Model(work, counts) => {
+                if let Some(left_out) = counts.left_out() {
+                    say!("{left_out}");
+                }
                 let tiles = &work.plan().tiles;
                 let points: usize = tiles.iter().map(|tile| tile.points).sum();
                 let rays: usize = tiles.iter().map(|tile| tile.rays).sum();

@@ -8,7 +8,7 @@ use crate::cli::TrackArgs;
 use crate::commands::Outcome;
 use crate::commands::input::unpack_recorded_video;
 use crate::progress::Verbosity;
-use crate::sinks::{LiveTracking, OutputFolder, print_object, write_tracked};
+use crate::sinks::{LiveTracking, OutputError, OutputFolder, print_object, write_tracked};
 use crate::standard_error::say;
 use linecarve_engine::options::Options;
 use linecarve_engine::tracking::{
@@ -23,10 +23,15 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     let mut open = OpenOptions::default();
     open.calibration = args.calibration.clone();
     open.layout = args.layout.clone();
+    let create = || -> Result<OutputFolder, OutputError> {
+        let output = OutputFolder::create(&args.out, &[&args.input])?;
+        output.keep_inputs(args.calibration.as_deref())?;
+        Ok(output)
+    };
     let mut warnings = Vec::new();
     let mut output = None;
     let (sequence, said) = if is_video(&args.input) {
-        let output = output.insert(OutputFolder::create(&args.out, &[&args.input])?);
+        let output = output.insert(create()?);
         output.numbered("images", &["jpg"])?;
         // The calibration that belongs to an earlier video.
         output.remove(SIDECAR_FILE)?;
@@ -35,7 +40,7 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
         open_unposed(&args.out, &of_video(open), args.accept_as_is)?
     } else {
         if video_to_unpack(&args.input, &open).is_some() {
-            let output = output.insert(OutputFolder::create(&args.out, &[&args.input])?);
+            let output = output.insert(create()?);
             unpack_recorded_video(&args.input, &mut open, Some(output), verbosity)?;
         }
         open_unposed(&args.input, &open, args.accept_as_is)?
@@ -58,7 +63,7 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     }
     let mut output = match output {
         Some(output) => output,
-        None => OutputFolder::create(&args.out, &[&args.input])?,
+        None => create()?,
     };
     let noise = Options::default().sensor.relative_noise;
     let description = tracking_description(&sequence, mode, &options);
@@ -88,6 +93,7 @@ pub(super) fn run(args: &TrackArgs, verbosity: Verbosity) -> anyhow::Result<Outc
     let mut report = TrackReport::new(&tracked, &sequence, args.causal);
     let formats: Vec<TrajectoryFormat> = args.format.iter().map(|one| (*one).into()).collect();
     write_tracked(&tracked, &sequence, &mut report, &formats, &mut output)?;
+    output.remove_stale()?;
     let resumed = checkpoint.resumed();
     checkpoint.finish()?;
     if args.json {

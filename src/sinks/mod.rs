@@ -6,6 +6,7 @@ mod growth;
 mod keyframe_reports;
 mod live;
 mod output;
+mod output_file;
 mod output_folder;
 mod page;
 mod page_run;
@@ -17,6 +18,7 @@ mod simplified;
 mod structure;
 mod surface_files;
 mod surface_page;
+mod temporary_folder;
 mod tracked;
 mod tracked_page;
 
@@ -31,7 +33,8 @@ pub(crate) use output::{
     clusters_part, feature_edges_part, segments_part, surface_part, write_geometry, write_part,
     write_poses,
 };
-pub(crate) use output_folder::{OutputFolder, keep_apart, lock_folder};
+pub(crate) use output_file::{check_ending, check_outputs, folder_of, keep_sequence};
+pub(crate) use output_folder::{OutputError, OutputFolder, keep_apart, lock_folder};
 pub(crate) use page::{
     GrowingView, PageRecorder, grouped, growth_plots, last_surface, page_of, page_surface,
     with_elements,
@@ -43,7 +46,8 @@ pub(crate) use results::{ResultSettings, write_results};
 pub(crate) use session::{SessionPage, last_page};
 pub(crate) use simplified::final_mesh;
 pub(crate) use simplified::{DEFAULT_TOLERANCE_TEXT, line_ends};
-pub(crate) use structure::{StructureInput, write_structure};
+pub(crate) use structure::{StructureInput, keep_structure_inputs, write_structure};
 pub(crate) use surface_files::SurfaceFiles;
+pub(crate) use temporary_folder::TemporaryFolder;
 pub(crate) use tracked::{write_tracked, write_tracked_poses};
 pub(crate) use tracked_page::LiveTracking;

@@ -3,19 +3,24 @@
 //! A list in the folder names what was written. A folder that holds anything else, and no list, is refused. The list is locked while a run
 //! writes, so that two runs do not write to one folder.
 
+mod stale;
+
 use std::collections::BTreeSet;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 use linecarve_mesh::files::remove_unfinished;
+use stale::remove_numbered;
 
 /// Name of the list.
-const LIST: &str = ".linecarve-files";
+pub(super) const LIST: &str = ".linecarve-files";
 /// First line of the list.
 const LIST_HEAD: &str = "# Written here by linecarve, which replaces and removes nothing else.\n";
 /// Longest list that is read, in bytes.
 const MOST_LISTED: u64 = 1 << 24;
+/// Endings of numbered files, which the list does not name one by one.
+const NUMBERED: [&str; 3] = ["glb", "delta", "jpg"];
 /// Endings of images of recordings.
 const IMAGES: [&str; 7] = ["png", "jpg", "jpeg", "ppm", "pgm", "tif", "tiff"];
 
@@ -73,8 +78,10 @@ pub(crate) struct OutputFolder {
     root: PathBuf,
     /// Open and locked as long as the run.
     list: File,
-    /// What the list names; folders end in `/`, and their files are not named.
+    /// What the list names; folders end in `/`, and their numbered files are not named.
     listed: BTreeSet<String>,
+    /// Folders inside that this run uses, as the list names them.
+    used: BTreeSet<String>,
     written: Vec<String>,
 }
 
@@ -112,7 +119,13 @@ impl OutputFolder {
             .map_err(failed)?;
         let text = String::from_utf8_lossy(&text);
         let lines = text.lines().filter(|line| !line.starts_with('#'));
-        let listed = lines.map(str::to_owned).collect();
+        let mut listed = BTreeSet::new();
+        for line in lines {
+            match line.strip_prefix('-') {
+                Some(removed) => listed.remove(removed),
+                None => listed.insert(line.to_owned()),
+            };
+        }
         if text.is_empty() {
             let begun = list.write_all(LIST_HEAD.as_bytes());
             begun.and_then(|()| list.sync_all()).map_err(failed)?;
@@ -122,6 +135,7 @@ impl OutputFolder {
             root: root.to_owned(),
             list,
             listed,
+            used: BTreeSet::new(),
             written: Vec::new(),
         })
     }
@@ -168,6 +182,7 @@ impl OutputFolder {
         if !is_listed {
             self.list(&entry)?;
         }
+        self.used.insert(entry);
         std::fs::create_dir_all(&path).map_err(&failed)?;
         remove_unfinished(&path).map_err(failed)?;
         Ok(path)
@@ -184,12 +199,7 @@ impl OutputFolder {
     ) -> Result<PathBuf, OutputError> {
         let path = self.subfolder(name)?;
         let failed = self.failed();
-        for entry in std::fs::read_dir(&path).map_err(&failed)?.flatten() {
-            let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
-            if is_file && is_numbered(&entry.path(), endings) {
-                std::fs::remove_file(entry.path()).map_err(&failed)?;
-            }
-        }
+        remove_numbered(&path, endings).map_err(failed)?;
         Ok(path)
     }
 
@@ -200,8 +210,9 @@ impl OutputFolder {
     pub(crate) fn file(&mut self, name: &str) -> Result<PathBuf, OutputError> {
         let path = self.root.join(name);
         let folder = name.split_inclusive('/').next().unwrap_or_default();
-        if !self.listed.contains(folder) {
-            if path.symlink_metadata().is_ok() {
+        let is_in_folder = self.listed.contains(folder) && folder != name;
+        if !self.listed.contains(name) && !(is_in_folder && is_numbered(&path, &NUMBERED)) {
+            if !is_in_folder && path.symlink_metadata().is_ok() {
                 return Err(OutputError::ForeignFile(path));
             }
             self.list(name)?;

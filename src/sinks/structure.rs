@@ -1,5 +1,7 @@
 //! The planes of a mesh, a floor plan and what they measure, as files.
 
+use std::path::Path;
+
 use linecarve_carving::{Carver, Location};
 use linecarve_mesh::raycast::RayScene;
 use linecarve_mesh::{GltfFrame, TriangleMesh};
@@ -10,12 +12,38 @@ use linecarve_structure::{
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
+use super::output_file::{OutputFileError, check_outputs};
 use super::output_folder::OutputFolder;
 use crate::report::page::{PageStructure, PageTable};
 use linecarve_mesh::files::write_atomically;
 
 /// Positions on the polygons that are looked up in the carved space.
 const SAMPLES: usize = 50_000;
+
+/// Everything that is written.
+const FILES: [&str; 8] = [
+    "structure.glb",
+    "structure.mtl",
+    "structure.obj",
+    "structure.dxf",
+    "structure.ifc",
+    "structure.usda",
+    "plan.svg",
+    "structure.json",
+];
+
+/// Refuses inputs that [`write_structure`] would overwrite in an output folder.
+///
+/// # Errors
+/// When an input is one of its files.
+pub(crate) fn keep_structure_inputs(
+    output: &OutputFolder,
+    inputs: &[&Path],
+) -> Result<(), OutputFileError> {
+    let files = FILES.map(|name| output.root().join(name));
+    let files = files.each_ref().map(|file| ("--out", file.as_path()));
+    check_outputs(&files, inputs)
+}
 
 /// A mesh to be taken apart, in the frame of the poses.
 pub(crate) struct StructureInput<'a> {

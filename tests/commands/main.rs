@@ -41,5 +41,6 @@ mod surface_keys;
 mod texture;
 mod tiles;
 mod track;
+mod unused_options;
 mod upright;
 mod users_files;

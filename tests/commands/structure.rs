@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::Path;
 
-use crate::program::{expect_status, stderr};
+use crate::program::{expect_status, stderr, text};
 
 /// Floor, ceiling and four walls of n by n squares of a tenth, z up, seen from inside.
 fn room(n: u32) -> String {
@@ -95,4 +95,18 @@ fn what_has_no_plane_is_a_negative_result() {
     ];
     let message = stderr(&expect_status(1, arguments));
     assert!(message.contains("no plane was found"), "{message}");
+}
+
+#[test]
+fn points_are_no_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let points = folder.path().join("points.obj");
+    std::fs::write(&points, "v 0 0 0\nv 1 0 0\nv 0 1 0\n").unwrap();
+    let out = folder.path().join("out");
+    let arguments = ["structure", text(&points), "--out", text(&out)];
+    let message = stderr(&expect_status(2, arguments));
+    assert!(
+        message.contains("has no triangles") && message.contains("linecarve mesh"),
+        "{message}"
+    );
 }

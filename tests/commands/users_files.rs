@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::program::{contents, expect_status, linecarve, small_sequence, stderr, text};
+use crate::program::{
+    contents, expect_status, linecarve, reconstruct_mesh, small_sequence, stderr, text,
+};
 
 /// Demands that a command is refused for a reason, with a remedy, and that no file in a folder has changed.
 fn refuses(folder: &Path, arguments: &[&str], reason: &str) {
@@ -112,4 +114,154 @@ fn a_second_run_into_the_same_folder_is_refused_at_once() {
     assert_eq!(first.wait().unwrap().code(), Some(1));
     let free = stderr(&expect_status(2, ["lines", "nowhere", "--out", text(&out)]));
     assert!(!free.contains("another run"), "{free}");
+}
+
+/// Demands exit status 2 and these words, and that no file in a folder has changed.
+fn keeps(folder: &Path, arguments: &[&str], words: &[&str]) {
+    let before: BTreeMap<PathBuf, Vec<u8>> = contents(folder);
+    let said = stderr(&expect_status(2, arguments));
+    assert!(words.iter().all(|word| said.contains(word)), "{said}");
+    assert_eq!(contents(folder), before);
+}
+
+#[test]
+fn no_command_overwrites_its_input_or_another_output() {
+    let folder = small_sequence(3, "tum");
+    let path = |name: &str| text(&folder.path().join(name)).to_owned();
+    let (a, b) = (path("a.obj"), path("b.obj"));
+    let mesh = "mtllib a.mtl\nusemtl a\nv 0 0 1\nv 1 0 0\nv 0 1 0.5\nvt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n";
+    for file in [&a, &b] {
+        std::fs::write(file, mesh).unwrap();
+    }
+    std::fs::write(path("a.mtl"), "newmtl a\nmap_Kd a.png\n").unwrap();
+    let image = image::RgbImage::from_pixel(2, 2, image::Rgb([90; 3]));
+    image.save(path("a.png")).unwrap();
+    // The same file by another name.
+    let around = path("sequence/../a.obj");
+    let (heat, picture, edges) = (path("heat.glb"), path("a.png"), path("edges.obj"));
+    let sequence = path("sequence");
+    let lists = ["groundtruth.txt", "rgb.txt"].map(|name| path(&format!("sequence/{name}")));
+    let frame = std::fs::read_dir(path("sequence/rgb"))
+        .unwrap()
+        .next()
+        .unwrap();
+    let frame = frame.unwrap().path();
+    std::fs::rename(&frame, frame.with_extension("png")).ok();
+    let input = "would overwrite the input";
+    let other = "would overwrite the file of";
+    for (arguments, words) in [
+        (vec!["simplify", &a, "--out", &around], [input, "--out"]),
+        (
+            vec!["simplify", &a, "--out", &b, "--lines", &b],
+            [input, "--out"],
+        ),
+        (
+            vec!["simplify", &a, "--out", &edges, "--feature-edges", &edges],
+            [other, "--feature-edges"],
+        ),
+        (vec!["convert", &a, "--out", &a], [input, "--out"]),
+        (
+            vec!["convert", &sequence, "--out", &lists[0]],
+            [input, "--out"],
+        ),
+        (
+            vec!["convert", &sequence, "--to", "tum", "--out", &lists[1]],
+            [input, "--out"],
+        ),
+        (vec!["diff", &a, &b, "--junit", &b], [input, "--junit"]),
+        (
+            vec!["diff", &a, &b, "--heat-map", &heat, "--junit", &heat],
+            [other, "--junit"],
+        ),
+        (
+            vec!["diff", &a, &b, "--heat-map", &picture],
+            ["ends with .glb", "--heat-map"],
+        ),
+        (
+            vec!["evaluate", &a, "--ground-truth", &b, "--heat-map", &b],
+            [input, "--heat-map"],
+        ),
+        (vec!["render", &a, "--out", &a], ["ends with .png", "--out"]),
+        (vec!["render", &a, "--out", &picture], [input, "--out"]),
+        (vec!["mesh", &a, "--out", &a], [input, "--out"]),
+        (
+            vec!["mesh", &a, "--out", &path("missing/a.ply")],
+            ["missing", "--out"],
+        ),
+    ] {
+        keeps(folder.path(), &arguments, &words);
+    }
+
+    // An older result is replaced, also inside the recording.
+    let poses = path("sequence/mine.txt");
+    for _ in 0..2 {
+        expect_status(0, ["convert", &sequence, "--out", &poses]);
+    }
+    std::fs::write(&heat, "older").unwrap();
+    let evaluate = ["evaluate", &a, "--ground-truth", &b, "--heat-map", &heat];
+    expect_status(0, evaluate.into_iter().chain(["--samples", "100"]));
+    assert!(std::fs::read(&heat).unwrap().starts_with(b"glTF"));
+}
+
+#[test]
+fn a_second_run_leaves_no_results_of_the_first() {
+    let folder = small_sequence(4, "tum");
+    let [sequence, out] = ["sequence", "out"].map(|name| folder.path().join(name));
+    let first = [
+        "reconstruct",
+        text(&sequence),
+        "--out",
+        text(&out),
+        "--every",
+        "1",
+    ];
+    expect_status(
+        0,
+        first.into_iter().chain(["-q", "--structure", "--texture"]),
+    );
+    for name in [
+        "mesh.glb",
+        "report.html",
+        "structure.json",
+        "keyframes/000000.glb",
+    ] {
+        assert!(out.join(name).exists(), "{name}");
+    }
+    std::fs::write(out.join("keyframes/notes.txt"), "mine").unwrap();
+    reconstruct_mesh(0, &sequence, &["--every", "1"], &out);
+    let report = std::fs::read(out.join("report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    let files = report["result"]["files"].as_array().unwrap();
+    let mut expected: Vec<PathBuf> = files
+        .iter()
+        .map(|name| PathBuf::from(name.as_str().unwrap()))
+        .collect();
+    expected.push("keyframes/notes.txt".into());
+    expected.sort();
+    let left: Vec<PathBuf> = contents(&out).into_keys().collect();
+    assert_eq!(left, expected);
+
+    // The planes of the run go into its folder, beside its files.
+    let structure = ["structure", text(&out), "--out", text(&out), "-q"];
+    let done = linecarve(structure);
+    assert!(
+        done.status.code().is_some_and(|code| code < 2),
+        "{}",
+        stderr(&done)
+    );
+    assert!(out.join("mesh.ply").exists() && out.join("structure.json").exists());
+    let obj = out.join("structure.obj");
+    let own = ["structure", text(&obj), "--out", text(&out)];
+    keeps(folder.path(), &own, &["would overwrite the input"]);
+    // A file of the run that the next one would remove.
+    let poses = out.join("mesh.ply");
+    let again = [
+        "reconstruct",
+        text(&sequence),
+        "--out",
+        text(&out),
+        "--poses",
+        text(&poses),
+    ];
+    keeps(folder.path(), &again, &["holds the input"]);
 }

@@ -17,6 +17,8 @@ pub struct ModelCounts {
     pub carved: usize,
     /// Points with a coordinate that is not finite.
     pub not_finite: usize,
+    /// Points whose normal, which decides on their views, is zero or not finite.
+    pub without_normal: usize,
     /// Points with too few views.
     pub too_few_views: usize,
     /// Points with too little parallax.
@@ -30,6 +32,7 @@ impl ModelCounts {
     pub fn left_out(&self) -> Option<String> {
         let reasons = [
             (self.not_finite, "not finite"),
+            (self.without_normal, "without a usable normal"),
             (self.too_few_views, "seen by too few views"),
             (
                 self.too_little_parallax,

@@ -120,7 +120,7 @@ impl Selection {
         let mut depths = Medians::new(folder).map_err(file_error)?;
         let top = top_level(extent.translated(&-origin).longest());
         let mut spill = Spill::new(folder, top).map_err(file_error)?;
-        cloud.visit(|mut point| {
+        let skipped = cloud.visit(|mut point| {
             point.point_in_world += -origin;
             if let Some((point, depths_of_point)) = selector.select(&point) {
                 depths.add(depths_of_point).map_err(file_error)?;
@@ -133,7 +133,11 @@ impl Selection {
             origin,
             centers,
             median_depth: depths.upper_median().map_err(file_error)?,
-            counts: selector.counts(),
+            counts: ModelCounts {
+                not_finite: skipped.not_finite,
+                without_normal: skipped.without_normal,
+                ..selector.counts()
+            },
             points: Points::Spilled(spill, top),
         })
     }

@@ -94,5 +94,13 @@ pub fn texture_mesh(
         gains,
     };
     let corners = layout.corners;
-    Some((Texture { image, corners }, summary))
+    let file = None;
+    Some((
+        Texture {
+            image,
+            corners,
+            file,
+        },
+        summary,
+    ))
 }

@@ -1,5 +1,7 @@
 //! Textures, and what they are made from.
 
+use std::path::PathBuf;
+
 use image::RgbImage;
 use linecarve_lines::camera::Camera;
 use nalgebra::Isometry3;
@@ -12,6 +14,8 @@ pub struct Texture {
     /// Position of the three corners of each triangle in the image, in pixels from the left and upper edge: the centre of
     /// the first pixel is (0.5, 0.5).
     pub corners: Vec<[[f32; 2]; 3]>,
+    /// The file beside the mesh that the image was read from, if it has one.
+    pub file: Option<PathBuf>,
 }
 
 /// Why a texture does not fit its mesh.

@@ -26,4 +26,4 @@ pub(super) mod stray_scanner;
 pub(super) mod transforms;
 pub(super) mod tum;
 
-pub use colmap::DenseCloud;
+pub use colmap::{DenseCloud, SkippedPoints};

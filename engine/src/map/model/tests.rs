@@ -87,6 +87,7 @@ fn what_cannot_be_trusted_is_left_out_and_counted() {
         ModelCounts {
             carved: model.points.len() - 4,
             not_finite: 1,
+            without_normal: 0,
             too_few_views: 2,
             too_little_parallax: 1,
             wrong_observations: 6,

@@ -9,7 +9,7 @@ mod document;
 mod texture;
 
 use std::borrow::Cow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use base64::Engine;
 use gltf::json::accessor::Type;
@@ -173,6 +173,11 @@ fn resource(uri: &str, path: &Path, what: &str) -> Result<Vec<u8>, String> {
     }
     let beside = path.with_file_name(unescaped(uri));
     read_regular(&beside).map_err(|error| format!("its {what} {}: {error}", beside.display()))
+}
+
+/// The file beside `path` that a reference names, unless it is a data URI.
+fn beside(uri: &str, path: &Path) -> Option<PathBuf> {
+    (!uri.starts_with("data:")).then(|| path.with_file_name(unescaped(uri)))
 }
 
 /// A relative reference with percent-encoding resolved.

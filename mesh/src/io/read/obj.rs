@@ -236,7 +236,9 @@ impl Parser {
         let image = path.with_file_name(image);
         let file = read_regular(&image)
             .map_err(|error| format!("its texture {}: {error}", image.display()))?;
-        decoded(&file, &coordinates).map(Some)
+        let mut texture = decoded(&file, &coordinates)?;
+        texture.file = Some(image);
+        Ok(Some(texture))
     }
 
     fn finish(mut self) -> Shape {

@@ -27,5 +27,9 @@ fn placed(image: RgbImage, coordinates: &Coordinates) -> Texture {
         .iter()
         .map(|places| places.each_ref().map(corner));
     let corners = corners.collect();
-    Texture { image, corners }
+    Texture {
+        image,
+        corners,
+        file: None,
+    }
 }

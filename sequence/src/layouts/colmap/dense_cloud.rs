@@ -24,6 +24,15 @@ pub struct DenseCloud {
     visibility: Visibility,
 }
 
+/// Numbers of points of a cloud that cannot be used.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct SkippedPoints {
+    /// Points with a coordinate that is not finite.
+    pub not_finite: usize,
+    /// Other points with a normal that is zero or not finite, where the normals decide on the views.
+    pub without_normal: usize,
+}
+
 /// Where the views of points come from.
 #[derive(Debug)]
 enum Visibility {
@@ -132,14 +141,15 @@ impl DenseCloud {
         &self.views
     }
 
-    /// Passes the finite points to `take`.
+    /// Passes the points to `take`, except for those that are not finite or have no usable normal; returns their numbers.
     ///
     /// # Errors
     /// When a file cannot be read, both differ in their number of points, or one names an unknown image; and what `take` returns.
     pub fn visit<E: From<SequenceError>>(
         &self,
         mut take: impl FnMut(ModelPoint) -> Result<(), E>,
-    ) -> Result<(), E> {
+    ) -> Result<SkippedPoints, E> {
+        let mut skipped = SkippedPoints::default();
         let mut rows = open_regular(&self.cloud).map_err(io(&self.cloud))?;
         let start = SeekFrom::Start(self.rows.start);
         rows.seek(start).map_err(io(&self.cloud))?;
@@ -155,23 +165,30 @@ impl DenseCloud {
         for _ in 0..self.rows.count {
             rows.read_exact(&mut row).map_err(io(&self.cloud))?;
             let point_in_world = Point3::from(numbers(&row, &self.rows.coordinates));
-            let mut observations = match &mut views {
-                ViewReader::File(file) => file.next()?,
+            let is_finite = point_in_world.iter().all(|x| x.is_finite());
+            let observations = match &mut views {
+                // The lists of all points follow each other.
+                ViewReader::File(file) => Some(file.next()?),
                 ViewReader::Normals(places, facing) => {
-                    facing.of(&point_in_world, &Vector3::from(numbers(&row, places)))
+                    let normal = Vector3::from(numbers(&row, places));
+                    let is_usable = normal.iter().all(|x| x.is_finite()) && normal.amax() > 0.0;
+                    is_usable.then(|| facing.of(&point_in_world, &normal))
                 }
+            };
+            skipped.not_finite += usize::from(!is_finite);
+            skipped.without_normal += usize::from(is_finite && observations.is_none());
+            let Some(mut observations) = observations.filter(|_| is_finite) else {
+                continue;
             };
             observations.sort_unstable_by_key(|observation| observation.view);
             observations.dedup_by_key(|observation| observation.view);
-            if point_in_world.iter().all(|x| x.is_finite()) {
-                take(ModelPoint {
-                    point_in_world,
-                    color: self.rows.colors.map(|at| at.map(|at| row[at])),
-                    observations,
-                })?;
-            }
+            take(ModelPoint {
+                point_in_world,
+                color: self.rows.colors.map(|at| at.map(|at| row[at])),
+                observations,
+            })?;
         }
-        Ok(())
+        Ok(skipped)
     }
 }
 
@@ -195,11 +212,15 @@ impl<'a> VisibilityFile<'a> {
         view_of_image: &'a [u32],
         cloud: &DenseCloud,
     ) -> Result<Self, SequenceError> {
+        fused::demand_visibility(&cloud.cloud)?;
         let file = open_regular(path).map_err(io(path))?;
-        let mut reader = BufReader::with_capacity(1 << 20, file);
-        let mut count = [0; 8];
-        reader.read_exact(&mut count).map_err(io(path))?;
-        let count = u64::from_le_bytes(count);
+        let mut file = Self {
+            path,
+            view_of_image,
+            reader: BufReader::with_capacity(1 << 20, file),
+            at: 0,
+        };
+        let count = u64::from_le_bytes(file.bytes()?);
         if count != cloud.rows.count {
             let problem = format!(
                 "has {} points, {} has {count}: fuse both again",
@@ -209,12 +230,7 @@ impl<'a> VisibilityFile<'a> {
             let path = cloud.cloud.clone();
             return Err(SequenceError::Content { path, problem });
         }
-        Ok(Self {
-            path,
-            view_of_image,
-            reader,
-            at: 8,
-        })
+        Ok(file)
     }
 
     /// The views of the next point.
@@ -235,15 +251,19 @@ impl<'a> VisibilityFile<'a> {
     }
 
     fn u32(&mut self) -> Result<u32, SequenceError> {
-        let mut bytes = [0; 4];
+        self.bytes().map(u32::from_le_bytes)
+    }
+
+    fn bytes<const N: usize>(&mut self) -> Result<[u8; N], SequenceError> {
+        let mut bytes = [0; N];
         (self.reader.read_exact(&mut bytes)).map_err(|error| match error.kind() {
             std::io::ErrorKind::UnexpectedEof => {
                 self.error("the file ends too early (truncated?): copy it again".to_owned())
             }
             _ => io(self.path)(error),
         })?;
-        self.at += 4;
-        Ok(u32::from_le_bytes(bytes))
+        self.at += N as u64;
+        Ok(bytes)
     }
 
     fn error(&self, problem: String) -> SequenceError {

@@ -29,6 +29,25 @@ pub(super) fn visibility(cloud: &Path) -> PathBuf {
     PathBuf::from(seen)
 }
 
+/// Demands the file beside a cloud that lists the images of each point.
+///
+/// # Errors
+/// When it is missing.
+pub(super) fn demand_visibility(cloud: &Path) -> Result<(), SequenceError> {
+    let path = visibility(cloud);
+    if path.exists() {
+        return Ok(());
+    }
+    Err(SequenceError::Content {
+        problem: format!(
+            "is missing, which lists the images that see each point of {}: fuse again (colmap stereo_fusion writes both), or give the \
+             cameras to linecarve mesh with --cameras, which takes the normals of the points in its place",
+            cloud.display()
+        ),
+        path,
+    })
+}
+
 /// The points of a cloud. `view_of` has the view of each image, in the order of their ids.
 pub(super) fn read_cloud(path: &Path, view_of: &[u32]) -> Result<Vec<ModelPoint>, SequenceError> {
     let content = |problem: String| SequenceError::Content {
@@ -36,6 +55,7 @@ pub(super) fn read_cloud(path: &Path, view_of: &[u32]) -> Result<Vec<ModelPoint>
         problem,
     };
     let shape = read_geometry(path).map_err(|error| content(error.to_string()))?;
+    demand_visibility(path)?;
     let seen = visibility(path);
     let bytes = read_file(&seen)?;
     let mut reader = ByteReader::new(&seen, &bytes);

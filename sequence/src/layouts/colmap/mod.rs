@@ -27,7 +27,7 @@ use super::images;
 use builder::ModelBuilder;
 use numbered::{models_in, others_left_out};
 
-pub use dense_cloud::DenseCloud;
+pub use dense_cloud::{DenseCloud, SkippedPoints};
 
 /// Reader of COLMAP.
 pub(in super::super) struct Colmap;
@@ -238,7 +238,11 @@ impl Layout for Colmap {
             "sparse",
             "dense",
             "cameras.txt",
+            "cameras.bin",
             "images.txt",
+            "images.bin",
+            "points3D.txt",
+            "points3D.bin",
         ] {
             folder.claim(name);
         }

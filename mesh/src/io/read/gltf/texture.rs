@@ -6,7 +6,7 @@ use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
 use gltf::json::{Accessor, Image, Index};
 
-use super::{Data, resource};
+use super::{Data, beside, resource};
 use crate::io::read::accessor::components;
 use crate::io::read::texture::{Coordinates, decoded};
 use crate::texture::Texture;
@@ -69,7 +69,9 @@ impl Textures {
         };
         match (&image.uri, image.buffer_view) {
             (Some(uri), _) => {
-                decoded(&resource(uri, path, "texture")?, &self.coordinates).map(Some)
+                let mut texture = decoded(&resource(uri, path, "texture")?, &self.coordinates)?;
+                texture.file = beside(uri, path);
+                Ok(Some(texture))
             }
             (None, Some(view)) => {
                 let view = data.document.buffer_views.get(view.value());
