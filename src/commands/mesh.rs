@@ -6,7 +6,6 @@ use anyhow::{Context, bail};
 
 use crate::cli::{KnownOptions, MeshArgs};
 use crate::commands::Outcome;
-use crate::commands::heat_map::origin_of;
 use crate::progress::Verbosity;
 use crate::sinks::{surface_part, write_part};
 use crate::standard_error::say;
@@ -15,7 +14,7 @@ use linecarve_engine::options::Options;
 use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, ProjectError, Split, Task};
 use linecarve_engine::tiles::{PointMesh, Project, carry_out_all, mesh_points, plan, write_mesh};
 use linecarve_engine::{Input, SourceChoice};
-use linecarve_mesh::{GltfFrame, TriangleMesh, read_geometry};
+use linecarve_mesh::{GltfFrame, TriangleMesh, far_origin, read_geometry};
 
 use super::simplify::format_of;
 
@@ -73,7 +72,7 @@ pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     if let Some(left_out) = left_out.filter(|_| verbosity > Verbosity::Quiet) {
         say!("{left_out}");
     }
-    let frame = GltfFrame::from(&origin_of(&mesh.positions));
+    let frame = GltfFrame::from(&far_origin(&mesh.positions));
     write_part(&args.out, surface_part(&mesh), format, &frame)?;
     if verbosity > Verbosity::Quiet {
         let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
