@@ -21,7 +21,7 @@ impl Selection {
     /// # Errors
     /// When a temporary file cannot be read, or the plan cannot be made.
     pub(super) fn plan(mut self, split: Split, folder: &Path) -> Result<Work, ProjectError> {
-        let file_error = |fault| ProjectError::file(folder)(fault);
+        let file_error = |fault| ProjectError::temporary(folder)(fault);
         let coordinates = self.centers.iter().map(|center| (*center).into());
         let coordinates: Vec<[f64; 3]> = coordinates.collect();
         let mut plan = PlanOptions::default();

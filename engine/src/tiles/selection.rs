@@ -125,8 +125,8 @@ impl Selection {
         let views: Vec<ModelView> = cloud.views().iter().map(shifted).collect();
         let centers = views.iter().map(center_of).collect();
         let mut selector = PointSelector::new(views, &options, statistics);
-        let file_error = |fault| ProjectError::file(folder)(fault);
-        std::fs::create_dir_all(folder).map_err(file_error)?;
+        std::fs::create_dir_all(folder).map_err(ProjectError::file(folder))?;
+        let file_error = |fault| ProjectError::temporary(folder)(fault);
         let mut depths = Medians::new(folder).map_err(file_error)?;
         let top = top_level(extent.translated(&-origin).longest());
         let mut spill = Spill::new(folder, top).map_err(file_error)?;
