@@ -164,6 +164,22 @@ fn stages_are_listed_and_damage_is_named() {
     expect_status(2, plan(&no_model, &work, "4", "votes"));
 }
 
+#[test]
+fn a_folder_without_a_plan_is_told_how_to_make_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let work = text(folder.path());
+    let slurm = ["tiles", "script", work];
+    let others = ["run", "stages", "check"].map(|it| ["tiles", it, work]);
+    for command in others.into_iter().chain([slurm]) {
+        let said = stderr(&expect_status(2, command));
+        assert!(said.contains("it holds no plan"), "{said}");
+        assert!(
+            said.contains(&format!("`linecarve tiles plan INPUT {work}`")),
+            "{said}"
+        );
+    }
+}
+
 /// Plans the sample.
 fn plan_room<'a>(room: &'a Path, work: &'a Path, tiles: &'a str, labels: &'a str) -> Vec<&'a str> {
     let groups = ["--keyframes-per-task", "5"];

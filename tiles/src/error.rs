@@ -26,6 +26,12 @@ pub enum TilesError {
         /// What is wrong with it.
         what: String,
     },
+    /// A folder holds no plan.
+    #[error("{0}: it holds no plan; make one with `linecarve tiles plan INPUT {0}`", path.display())]
+    NoPlan {
+        /// The folder.
+        path: PathBuf,
+    },
     /// A file belongs to another plan.
     #[error("{}: made for another plan; delete the folder's contents and plan again", path.display())]
     OtherPlan {

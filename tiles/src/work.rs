@@ -40,7 +40,12 @@ impl Work {
     /// When there is no plan, or another version of the program made it.
     pub fn open(folder: &Path) -> Result<Self, TilesError> {
         let path = folder.join("plan.json");
-        let bytes = std::fs::read(&path).map_err(TilesError::io(&path))?;
+        let bytes = std::fs::read(&path).map_err(|fault| match fault.kind() {
+            std::io::ErrorKind::NotFound => TilesError::NoPlan {
+                path: folder.to_owned(),
+            },
+            _ => TilesError::io(&path)(fault),
+        })?;
         let text: serde_json::Value = serde_json::from_slice(&bytes)
             .map_err(|error| TilesError::damaged(&path, error.to_string()))?;
         let found = text["program"].as_str().unwrap_or("unknown").to_owned();
