@@ -46,8 +46,9 @@ impl Work {
             },
             _ => TilesError::io(&path)(fault),
         })?;
-        let text: serde_json::Value = serde_json::from_slice(&bytes)
-            .map_err(|error| TilesError::damaged(&path, error.to_string()))?;
+        let damaged = |what: &str| TilesError::damaged_plan(&path, format!("damaged ({what})"));
+        let text: serde_json::Value =
+            serde_json::from_slice(&bytes).map_err(|error| damaged(&error.to_string()))?;
         let found = text["program"].as_str().unwrap_or("unknown").to_owned();
         let expected = program();
         if found != expected {
@@ -57,10 +58,10 @@ impl Work {
                 expected,
             });
         }
-        let plan: Plan = serde_json::from_slice(&bytes)
-            .map_err(|error| TilesError::damaged(&path, error.to_string()))?;
+        let plan: Plan =
+            serde_json::from_slice(&bytes).map_err(|error| damaged(&error.to_string()))?;
         if plan.seal() != plan.sealed {
-            return Err(TilesError::damaged(&path, "it was changed by hand"));
+            return Err(damaged("it was changed by hand"));
         }
         Ok(Self {
             folder: folder.to_owned(),
@@ -75,6 +76,11 @@ impl Work {
             plan,
             digest,
         }
+    }
+
+    /// Whether the plan is this text.
+    pub(crate) fn is(&self, text: &[u8]) -> bool {
+        self.digest == xxh3_64(text)
     }
 
     /// The plan.
@@ -194,7 +200,7 @@ impl Work {
     /// Verifies every checksum of the files of the plan itself.
     ///
     /// # Errors
-    /// Names the damaged file; the input has to be planned again into an empty folder.
+    /// Names the damaged file; the same input has to be planned again.
     pub fn verify_plan(&self) -> Result<(), TilesError> {
         self.open_plan_file("views", Kind::Views)?.verify()?;
         self.open_plan_file("sample", Kind::Sample)?.verify()?;

@@ -133,6 +133,14 @@ pub enum ProjectError {
 }
 
 impl ProjectError {
+    /// Whether a file of the plan is damaged or missing.
+    pub fn is_damaged_plan(&self) -> bool {
+        matches!(
+            self,
+            Self::Damaged { .. } | Self::Tiles(TilesError::DamagedPlan { .. })
+        )
+    }
+
     /// An error of the operating system about a file without a name in a folder.
     pub(super) fn temporary(folder: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |fault| Self::Temporary {
