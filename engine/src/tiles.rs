@@ -23,6 +23,7 @@ use serde::{Deserialize, Serialize};
 
 pub use error::ProjectError;
 pub use project::{Project, carry_out_all};
+pub use selection::up_of_views;
 pub use sequence::{KEYFRAMES_OF_TASK, SequencePlan};
 pub use slurm::slurm_script;
 pub use task::{Task, TaskStage};

@@ -28,9 +28,9 @@ pub use encode_image::encode_jpeg;
 pub use holes::close_holes;
 pub use io::{
     Geometry, GlbPart, GlbWriter, GltfFrame, MeshElements, MeshFileError, ReadError, StreamedMesh,
-    files_of_textured_obj, read_geometry, read_textured, snapped_up, write_glb, write_lines_obj,
-    write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply, write_streamed_mesh_ply,
-    write_textured_obj,
+    far_origin, files_of_textured_obj, read_geometry, read_textured, snapped_up, write_glb,
+    write_lines_obj, write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
+    write_streamed_mesh_ply, write_textured_obj,
 };
 pub use shape::{Shape, ShapeKind};
 pub use smooth::{SmoothOptions, smooth_piecewise_flat};

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::LabelChoice;
 use super::ranges::number;
+use super::{LabelChoice, parse_up};
 
 /// Arguments of `mesh`.
 #[derive(Debug, Args)]
@@ -22,6 +22,11 @@ pub struct MeshArgs {
     /// The mesh: a name that ends with .glb, .obj or .ply.
     #[arg(long, short = 'o', value_name = "FILE")]
     pub out: PathBuf,
+
+    /// Up in the frame of the poses, for GLB files, which have y up; default: the mean up direction of the cameras, or the axis of the
+    /// poses that is within 25 degrees of it. OBJ and PLY files stay in the frame of the poses.
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
+    pub up: Option<[f64; 3]>,
 
     /// Make a watertight mesh: nothing is left out because no view saw it.
     #[arg(long)]

@@ -44,7 +44,8 @@ pub enum TilesCommand {
         #[arg(long)]
         json: bool,
     },
-    /// Verify the checksums of all files of a plan. Exit status: 0 whole, 1 damaged files, which the next run makes again.
+    /// Verify the checksums of all files of a plan. Exit status: 0 whole, 1 damaged files: the next run makes results again, the same
+    /// `tiles plan` files of the plan.
     Check {
         /// Folder of the plan.
         work: PathBuf,

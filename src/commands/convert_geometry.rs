@@ -2,14 +2,12 @@
 
 use std::path::Path;
 
-use nalgebra::Vector3;
-
 use crate::cli::Target;
 use crate::commands::Outcome;
 use crate::sinks::check_outputs;
 use linecarve_mesh::{
-    Geometry, GlbPart, LineSet, ShapeKind, TriangleMesh, read_geometry, write_glb, write_lines_obj,
-    write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
+    Geometry, GlbPart, LineSet, ShapeKind, TriangleMesh, far_origin, read_geometry, write_glb,
+    write_lines_obj, write_lines_ply, write_mesh_obj, write_mesh_ply, write_points_ply,
 };
 
 /// Colour of what has none of its own.
@@ -39,6 +37,7 @@ pub(super) fn convert_geometry(
         write_points_ply(out, &shape.positions, shape.colors.as_deref())?;
         return Ok(Outcome::Done);
     }
+    let origin = far_origin(&shape.positions);
     let lines: &LineSet = &shape.clone().into_lines();
     let mesh: &TriangleMesh = &shape.into_mesh();
     if mesh.is_empty() && lines.is_empty() {
@@ -64,7 +63,7 @@ pub(super) fn convert_geometry(
                 color: CLAY,
             });
         }
-        write_glb(out, &parts, &Vector3::zeros())?;
+        write_glb(out, &parts, &origin)?;
         return Ok(Outcome::Done);
     }
     anyhow::ensure!(

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use anyhow::bail;
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 
 use linecarve_mesh::evaluate::heat_colors;
-use linecarve_mesh::{Geometry, GlbPart, LineSet, Shape, TriangleMesh, write_glb};
+use linecarve_mesh::{Geometry, GlbPart, LineSet, Shape, TriangleMesh, far_origin, write_glb};
 
 /// A shape with a distance for each of its points.
 pub(super) struct Colored {
@@ -24,7 +24,7 @@ pub(super) fn write_heat_map<const N: usize>(
     let origin = parts
         .iter()
         .find(|part| !part.shape.positions.is_empty())
-        .map_or_else(Vector3::zeros, |part| origin_of(&part.shape.positions));
+        .map_or_else(Vector3::zeros, |part| far_origin(&part.shape.positions));
     let colored: Vec<(&str, TriangleMesh, LineSet)> = parts
         .into_iter()
         .map(|part| {
@@ -61,21 +61,4 @@ pub(super) fn write_heat_map<const N: usize>(
         .collect();
     write_glb(path, &nodes, &origin)?;
     Ok(())
-}
-
-/// What is taken off the coordinates, which GLB stores in single precision: nothing, or the middle of the points in whole
-/// units where they lie far from zero for their size.
-pub(super) fn origin_of(points: &[Point3<f64>]) -> Vector3<f64> {
-    let Some(first) = points.first() else {
-        return Vector3::zeros();
-    };
-    let (low, high) = points.iter().fold((*first, *first), |(low, high), point| {
-        (low.inf(point), high.sup(point))
-    });
-    let middle = nalgebra::center(&low, &high).coords;
-    if middle.amax() > 1000.0 * (high - low).amax() {
-        middle.map(f64::round)
-    } else {
-        Vector3::zeros()
-    }
 }

@@ -6,7 +6,6 @@ use anyhow::bail;
 
 use crate::cli::{KnownOptions, MeshArgs};
 use crate::commands::Outcome;
-use crate::commands::heat_map::origin_of;
 use crate::progress::Verbosity;
 use crate::sinks::{TemporaryFolder, check_outputs, folder_of, surface_part, write_part};
 use crate::standard_error::say;
@@ -14,10 +13,11 @@ use linecarve_engine::map::ModelCounts;
 use linecarve_engine::options::Options;
 use linecarve_engine::tiles::{KEYFRAMES_OF_TASK, ProjectError, Split, Task};
 use linecarve_engine::tiles::{
-    Planned, PointMesh, Project, carry_out_all, mesh_points, plan, write_mesh,
+    Planned, PointMesh, Project, carry_out_all, mesh_points, plan, up_of_views, write_mesh,
 };
 use linecarve_engine::{Input, SourceChoice};
-use linecarve_mesh::{GltfFrame, TriangleMesh, read_geometry};
+use linecarve_mesh::{GltfFrame, TriangleMesh, far_origin, read_geometry};
+use linecarve_sequence::DenseCloud;
 
 use super::input::base_options;
 use super::simplify::format_of;
@@ -59,19 +59,21 @@ pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     // Tiles know nothing of the space outside all points.
     let too_large = match args.closed {
         true => None,
-        false => is_too_large(&input)?,
+        false => too_large(&input)?,
     };
-    let (mesh, left_out) = match too_large {
-        Some(points) => {
+    let (mesh, up, left_out) = match too_large {
+        Some(cloud) => {
+            let points = cloud.point_count();
             if verbosity > Verbosity::Quiet {
                 say!("{points} points do not fit into the memory that is free: carving in tiles");
             }
             let (mesh, counts) = in_tiles(&input, options, &args.out)?;
-            (mesh, counts.and_then(|counts| counts.left_out()))
+            let left_out = counts.and_then(|counts| counts.left_out());
+            (mesh, up_of_views(cloud.views()), left_out)
         }
         None => {
             let made = at_once(&input, options, args.closed, &args.out)?;
-            (made.mesh, made.counts.left_out())
+            (made.mesh, made.up, made.counts.left_out())
         }
     };
     if mesh.triangles.is_empty() {
@@ -86,7 +88,8 @@ pub(super) fn run(args: &MeshArgs, verbosity: Verbosity) -> anyhow::Result<Outco
     if let Some(left_out) = left_out.filter(|_| verbosity > Verbosity::Quiet) {
         say!("{left_out}");
     }
-    let frame = GltfFrame::from(&origin_of(&mesh.positions));
+    let up = args.up.map_or(up, Into::into);
+    let frame = GltfFrame::upright(far_origin(&mesh.positions), &up);
     write_part(&args.out, surface_part(&mesh), format, &frame)?;
     if verbosity > Verbosity::Quiet {
         let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
@@ -152,13 +155,13 @@ fn in_tiles(
     Ok((read_geometry(&path)?.into_mesh(), counts))
 }
 
-/// The number of points of a dense cloud that does not fit into the memory that is free.
-fn is_too_large(input: &Input) -> anyhow::Result<Option<u64>> {
+/// A dense cloud that does not fit into the memory that is free.
+fn too_large(input: &Input) -> anyhow::Result<Option<DenseCloud>> {
     let (Some(cloud), Some(free)) = (input.dense_cloud()?, free_memory()) else {
         return Ok(None);
     };
-    let points = cloud.point_count();
-    Ok((points.saturating_mul(BYTES_OF_POINT) > free).then_some(points))
+    let bytes = cloud.point_count().saturating_mul(BYTES_OF_POINT);
+    Ok((bytes > free).then_some(cloud))
 }
 
 /// Memory that is free, in bytes; `None` where the system does not say.

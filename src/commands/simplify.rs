@@ -7,7 +7,6 @@ use serde::Serialize;
 
 use crate::cli::SimplifyArgs;
 use crate::commands::Outcome;
-use crate::commands::heat_map::origin_of;
 use crate::sinks::{
     Format, check_outputs, feature_edges_part, line_ends, print_object, print_text, surface_part,
     write_part,
@@ -17,7 +16,7 @@ use linecarve_mesh::feature_edges::FeatureLines;
 use linecarve_mesh::simplify::{
     SimplifyOptions, SimplifyOptionsError, default_boundary_tolerance, simplify,
 };
-use linecarve_mesh::{GltfFrame, read_geometry};
+use linecarve_mesh::{GltfFrame, far_origin, read_geometry};
 
 /// Checks the tolerance of `--simplify` before anything is computed.
 pub(super) fn check_tolerance(tolerance: Option<Tolerance>) -> Result<(), SimplifyOptionsError> {
@@ -81,7 +80,7 @@ pub(super) fn run(args: &SimplifyArgs) -> anyhow::Result<Outcome> {
         None => default_boundary_tolerance(&mesh, tolerance),
     };
     let simplified = simplify(&mesh, &lines, &options)?;
-    let frame = GltfFrame::from(&origin_of(&simplified.mesh.positions));
+    let frame = GltfFrame::from(&far_origin(&simplified.mesh.positions));
     write_part(&args.out, surface_part(&simplified.mesh), format, &frame)?;
     if let Some((path, format)) = edges_format {
         let edges = FeatureLines::new(&simplified.mesh, simplified.features.iter().copied());

@@ -6,13 +6,12 @@ use anyhow::Context;
 use linecarve_engine::run::CancelToken;
 use linecarve_engine::video::is_video;
 use linecarve_engine::{Reconstruction, Recording, RunOptions};
-use linecarve_mesh::{GltfFrame, Shape, ShapeKind, read_geometry};
+use linecarve_mesh::{GltfFrame, Shape, ShapeKind, far_origin, read_geometry};
 use linecarve_structure::{StructureOptions, StructureSummary, measured_text};
 use nalgebra::{Point3, Vector3};
 
 use crate::cli::StructureArgs;
 use crate::commands::Outcome;
-use crate::commands::heat_map::origin_of;
 use crate::commands::input::{base_options, input, keyframe_options};
 use crate::commands::unused::refuse_unused;
 use crate::progress::Verbosity;
@@ -95,7 +94,7 @@ fn of_file(file: &Path, args: &StructureArgs) -> anyhow::Result<Option<Structure
     let input = StructureInput {
         mesh: &mesh,
         segments: &segments,
-        frame: GltfFrame::upright(origin_of(&mesh.positions), &up),
+        frame: GltfFrame::upright(far_origin(&mesh.positions), &up),
         carved: None,
         options: options(args, up),
     };

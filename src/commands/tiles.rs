@@ -31,7 +31,7 @@ pub(super) fn run(args: &TilesArgs, verbosity: Verbosity) -> anyhow::Result<Outc
             memory_limit,
         } => run_all(work, *jobs, *memory_limit, verbosity),
         TilesCommand::Stages { work, json } => stages(&Project::open(work)?, *json),
-        TilesCommand::Check { work } => check(&Project::open(work)?),
+        TilesCommand::Check { work } => check(work),
         TilesCommand::Script {
             work,
             engine: Engine::Slurm,

@@ -1,6 +1,7 @@
 //! `linecarve tiles stages` and `check`: what is done, and whether it is whole.
 
 use std::io::Write;
+use std::path::Path;
 
 use crate::commands::Outcome;
 use linecarve_engine::tiles::Project;
@@ -27,8 +28,15 @@ pub(super) fn stages(project: &Project, is_json: bool) -> anyhow::Result<Outcome
 }
 
 /// Verifies the plan and all results; damaged results are taken back.
-pub(super) fn check(project: &Project) -> anyhow::Result<Outcome> {
-    project.verify_plan()?;
+pub(super) fn check(folder: &Path) -> anyhow::Result<Outcome> {
+    let opened = Project::open(folder).and_then(|project| {
+        project.verify_plan()?;
+        Ok(project)
+    });
+    let project = match opened {
+        Err(fault) if fault.is_damaged_plan() => return Ok(Outcome::Negative(fault.to_string())),
+        opened => opened?,
+    };
     let mut damaged = Vec::new();
     let all = project.stages().into_iter();
     for task in all.flat_map(|stage| project.tasks(stage)) {

@@ -1,6 +1,6 @@
 //! What planes seem to be: floor, ceiling, walls.
 
-use nalgebra::Vector3;
+use nalgebra::{IsometryMatrix3, Vector3};
 use serde::Serialize;
 
 use crate::structure::Structure;
@@ -57,15 +57,13 @@ impl Kind {
     }
 }
 
-/// Lowest and highest height of the vertices of each plane, along up.
-pub(crate) fn heights(structure: &Structure) -> Vec<[f64; 2]> {
+/// Lowest and highest height of the vertices of each plane in the upright frame.
+pub(crate) fn heights(structure: &Structure, upright: &IsometryMatrix3<f64>) -> Vec<[f64; 2]> {
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; structure.planes.len()];
     for polygon in &structure.polygons {
         let range = &mut ranges[polygon.plane as usize];
         for vertex in polygon.rings.iter().flatten() {
-            let height = structure
-                .up
-                .dot(&structure.positions[*vertex as usize].coords);
+            let height = (upright * structure.positions[*vertex as usize]).z;
             *range = [range[0].min(height), range[1].max(height)];
         }
     }
@@ -74,7 +72,7 @@ pub(crate) fn heights(structure: &Structure) -> Vec<[f64; 2]> {
 
 /// Width of a plane along a level direction, and its height across that.
 pub(crate) fn size(structure: &Structure, plane: u32) -> [f64; 2] {
-    let upright = structure.upright_from_original();
+    let upright = structure.upright_rotation();
     let normal = upright * structure.planes[plane as usize].normal;
     let level = Vector3::z().cross(&normal);
     let along = if level.norm() > SLANT {
@@ -98,13 +96,14 @@ pub(crate) fn size(structure: &Structure, plane: u32) -> [f64; 2] {
 /// The kind of each plane, from its normal, its area and its height.
 pub(crate) fn kinds(structure: &Structure) -> Vec<Kind> {
     let up = structure.up;
-    let ranges = heights(structure);
+    let upright = structure.upright_from_original();
+    let ranges = heights(structure, &upright);
     let level = |sign: f64| {
         let planes = structure.planes.iter().enumerate();
         let planes =
             planes.filter(move |(_, it)| sign * it.normal.dot(&up) > (1.0 - SLANT * SLANT).sqrt());
         let largest = planes.clone().map(|(_, it)| it.area).fold(0.0, f64::max);
-        let height = |it: usize| sign * structure.planes[it].center.coords.dot(&up);
+        let height = |it: usize| sign * (upright * structure.planes[it].center).z;
         planes
             .filter(|(_, it)| it.area >= SHARE * largest)
             .map(|(number, _)| number)
@@ -117,7 +116,7 @@ pub(crate) fn kinds(structure: &Structure) -> Vec<Kind> {
             [a[0].min(b[0]), a[1].max(b[1])]
         });
     let center = |plane: Option<usize>, other: f64| {
-        plane.map_or(other, |it| structure.planes[it].center.coords.dot(&up))
+        plane.map_or(other, |it| (upright * structure.planes[it].center).z)
     };
     let room = center(ceiling, all[1]) - center(floor, all[0]);
     let kind = |number: usize| {

@@ -1,7 +1,7 @@
 //! The floor plan: a level section, at the height that shows most of the walls.
 
 use linecarve_mesh::raycast::RayScene;
-use nalgebra::{Point2, Point3, Rotation3, Vector3};
+use nalgebra::{IsometryMatrix3, Point2, Point3, Vector3};
 use serde::Serialize;
 
 use crate::kind::{Kind, heights};
@@ -57,7 +57,7 @@ impl Plan {
     /// Linear in the triangles, times the number of heights that are compared.
     pub fn new(structure: &Structure) -> Option<Self> {
         let upright = structure.upright_from_original();
-        let ranges = heights(structure);
+        let ranges = heights(structure, &upright);
         let walls =
             (0..structure.planes.len()).filter(|it| structure.planes[*it].kind == Kind::Wall);
         let [low, high] = walls
@@ -111,7 +111,7 @@ impl Plan {
         plan.narrow(REACH * least);
         plan.openings.retain(|it| it.width >= least);
         let floor = structure.planes.iter().find(|it| it.kind == Kind::Floor);
-        plan.above_floor = floor.map(|it| plan.height - structure.up.dot(&it.center.coords));
+        plan.above_floor = floor.map(|it| plan.height - (upright * it.center).z);
         Some(plan)
     }
 
@@ -119,7 +119,7 @@ impl Plan {
     fn find_openings(
         &self,
         structure: &Structure,
-        upright: &Rotation3<f64>,
+        upright: &IsometryMatrix3<f64>,
         scene: &RayScene,
         least: f64,
     ) -> Vec<Opening> {
@@ -193,7 +193,7 @@ fn is_upright(structure: &Structure, plane: u32) -> bool {
 /// Where a triangle is cut.
 fn cut(
     structure: &Structure,
-    upright: &Rotation3<f64>,
+    upright: &IsometryMatrix3<f64>,
     triangle: &[u32; 3],
     height: f64,
 ) -> Option<[Point2<f64>; 2]> {
@@ -209,7 +209,7 @@ fn cut(
 }
 
 /// The pieces of upright planes at a height, by plane and along it.
-fn pieces(structure: &Structure, upright: &Rotation3<f64>, height: f64) -> Vec<Piece> {
+fn pieces(structure: &Structure, upright: &IsometryMatrix3<f64>, height: f64) -> Vec<Piece> {
     let mut found = Vec::new();
     for group in structure.polygons.chunk_by(|a, b| a.plane == b.plane) {
         let plane = group[0].plane;

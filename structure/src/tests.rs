@@ -340,6 +340,65 @@ fn files_hold_the_structure() {
     assert_eq!(json["planes"][0]["normal"].as_array().unwrap().len(), 3);
 }
 
+/// Turned about zero, a tilt of 1e-4 moved heights by hundreds of metres.
+#[test]
+fn structures_far_from_zero_stay_where_they_are() {
+    let offset = Vector3::new(500_000.25, 5_400_000.5, 100.0);
+    let mut mesh = room(0.0, 1);
+    mesh.translate(&offset);
+    let mut found = structure(&mesh, &[], &up());
+    let tilt = Rotation3::from_axis_angle(&Vector3::x_axis(), 1e-4);
+    found.main_directions = found.main_directions.map(|it| it.map(|it| tilt * it));
+    found.up = tilt * found.up;
+    let upright = found.upright_from_original();
+    let heights = found.positions.iter().map(|it| (upright * it).z - it.z);
+    assert!(heights.fold(0.0, |a: f64, b| a.max(b.abs())) < 1e-3);
+    let plan = Plan::new(&found).unwrap();
+    assert!((100.0..102.5).contains(&plan.height), "{}", plan.height);
+    let above = plan.above_floor.unwrap();
+    assert!((plan.height - 100.0 - above).abs() < 1e-3, "{above}");
+    let summary = StructureSummary::new(&found, Some(&plan), None);
+    assert_eq!(summary.upright_translation, upright.translation.vector);
+
+    // Points of USD have single precision.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.usda");
+    write_usda(&path, &found).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let numbers = |line: &str| -> Vec<f64> {
+        let (_, list) = line.split_once('=').unwrap();
+        let parts = list.split(['[', '(', ',', ' ', ')', ']']);
+        parts.filter_map(|it| it.parse().ok()).collect()
+    };
+    let line = |name: &str| text.lines().find(|it| it.contains(name)).unwrap();
+    let origin = numbers(line("xformOp:translate ="));
+    let points = numbers(line("point3f[] points"));
+    assert!(points.iter().all(|it| it.abs() < 10.0), "{points:?}");
+    let first = Point3::from_slice(&points[..3]) + Vector3::from_column_slice(&origin);
+    let apart = |it: &Point3<f64>| (upright * it - first).norm();
+    assert!(found.positions.iter().map(apart).fold(1.0, f64::min) < 1e-5);
+}
+
+/// Of a structure with another axis up, that axis becomes the height.
+#[test]
+fn the_axis_nearest_to_up_becomes_z_far_from_zero() {
+    let offset = Vector3::new(300.0, -1e6, 2e6);
+    let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::FRAC_PI_2);
+    let mut mesh = room(0.0, 1);
+    for position in &mut mesh.positions {
+        *position = turn * *position + offset;
+    }
+    let mut options = up();
+    options.up = -Vector3::y();
+    let found = structure(&mesh, &[], &options);
+    let upright = found.upright_from_original();
+    for position in &found.positions {
+        let turned = upright * position;
+        assert!((turned.z + position.y).abs() < 1e-6, "{turned}");
+        assert!((turned.x.abs() - 300.0).abs() < 10.0 || (turned.y.abs() - 300.0).abs() < 10.0);
+    }
+}
+
 #[test]
 fn a_value_has_the_digits_of_its_deviation() {
     let texts = [

@@ -43,6 +43,18 @@ fn meshes_and_lines_change_their_format() {
     }
 }
 
+#[test]
+fn coordinates_far_from_zero_keep_their_digits_in_glb() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let text = "v 500000.125 5400000.25 112.5\nv 500001.375 5400000.25 112.5\nv 500000.125 5400001.625 113\n";
+    std::fs::write(path("m.obj"), format!("{text}f 1 2 3\nl 1 2\n")).unwrap();
+    convert(0, &path("m.obj"), &path("m.glb"));
+    let shape = read_geometry(&path("m.glb")).unwrap();
+    let expected = read_geometry(&path("m.obj")).unwrap();
+    assert_eq!(shape.positions[..3], expected.positions);
+}
+
 /// Poses of the colour camera that are read as poses of the depth camera are off by the transform between the two, which the
 /// note of `convert` is about.
 #[test]

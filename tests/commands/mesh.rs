@@ -231,3 +231,29 @@ fn the_folder_of_tiles_goes_with_a_signal_or_with_the_next_run() {
         );
     }
 }
+
+#[test]
+#[cfg(unix)]
+fn a_full_disk_is_told_with_the_folder_of_the_temporary_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let cloud = city_in(folder.path()).join("fused.ply");
+    let (mesh, work) = (folder.path().join("mesh.ply"), folder.path().join("work"));
+    let program = assert_cmd::cargo::cargo_bin("linecarve");
+    for (arguments, written) in [
+        (["mesh", text(&cloud), "--out", text(&mesh)], folder.path()),
+        (["tiles", "plan", text(&cloud), text(&work)], &work),
+    ] {
+        // Files of more than 4 kB are refused, as by a disk that is full.
+        let script = "trap '' XFSZ; ulimit -f 8; exec \"$@\"";
+        let mut shell = std::process::Command::new("sh");
+        shell
+            .args(["-c", script, "sh"])
+            .arg(&program)
+            .args(arguments);
+        let output = shell.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{said}");
+        let named = format!("a temporary file in {}: ", text(written));
+        assert!(said.contains(&named), "{said}");
+    }
+}

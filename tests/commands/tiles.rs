@@ -164,6 +164,60 @@ fn stages_are_listed_and_damage_is_named() {
     expect_status(2, plan(&no_model, &work, "4", "votes"));
 }
 
+#[test]
+fn a_damaged_plan_is_named_and_made_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let city = folder.path().join("city");
+    let synth = ["synth", "city", "--points", "3000", "-q", "--out"];
+    expect_status(0, synth.into_iter().chain([text(&city)]));
+    let (cloud, work) = (city.join("fused.ply"), folder.path().join("work"));
+    let make = || expect_status(0, plan(&cloud, &work, "2", "cut"));
+    make();
+    expect_status(0, ["tiles", "run", text(&work), "-q"]);
+    let mesh = std::fs::read(work.join("mesh.ply")).unwrap();
+    for name in ["plan/sample", "plan/rays/000001.tile", "cloud", "plan.json"] {
+        let path = work.join(name);
+        let whole = std::fs::read(&path).unwrap();
+        let cut = whole[..whole.len() / 2].to_vec();
+        let damages = [Some(cut), None]
+            .into_iter()
+            .filter(|it| it.is_some() || name != "plan.json");
+        for damage in damages {
+            match damage {
+                Some(cut) => std::fs::write(&path, cut).unwrap(),
+                None => std::fs::remove_file(&path).unwrap(),
+            }
+            for (status, command) in [(1, "check"), (2, "run")] {
+                let said = stderr(&expect_status(status, ["tiles", command, text(&work)]));
+                let is_told = said.contains(name) && said.contains("`linecarve tiles plan` again");
+                assert!(is_told, "{command}: {said}");
+            }
+            make();
+            assert!(std::fs::read(&path).unwrap() == whole, "{name}");
+            expect_status(0, ["tiles", "check", text(&work)]);
+        }
+    }
+    let said = stderr(&expect_status(0, ["tiles", "run", text(&work)]));
+    assert!(said.contains("0 tasks"), "{said}");
+    assert!(std::fs::read(work.join("mesh.ply")).unwrap() == mesh);
+}
+
+#[test]
+fn a_folder_without_a_plan_is_told_how_to_make_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let work = text(folder.path());
+    let slurm = ["tiles", "script", work];
+    let others = ["run", "stages", "check"].map(|it| ["tiles", it, work]);
+    for command in others.into_iter().chain([slurm]) {
+        let said = stderr(&expect_status(2, command));
+        assert!(said.contains("it holds no plan"), "{said}");
+        assert!(
+            said.contains(&format!("`linecarve tiles plan INPUT {work}`")),
+            "{said}"
+        );
+    }
+}
+
 /// Plans the sample.
 fn plan_room<'a>(room: &'a Path, work: &'a Path, tiles: &'a str, labels: &'a str) -> Vec<&'a str> {
     let groups = ["--keyframes-per-task", "5"];

@@ -149,3 +149,47 @@ fn worlds_with_any_axis_up_stand_upright() {
         Vector3::x()
     );
 }
+
+#[test]
+fn a_mesh_of_points_stands_as_that_of_a_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let (city, mesh, run) = (path("city"), path("mesh.glb"), path("run"));
+    let synth = [
+        "synth",
+        "city",
+        "--points",
+        "3000",
+        "-q",
+        "--out",
+        text(&city),
+    ];
+    expect_status(0, synth);
+    let rotation = |path: &Path| {
+        bounds_and_matrix(path)
+            .2
+            .fixed_view::<3, 3>(0, 0)
+            .into_owned()
+    };
+    let cloud = city.join("fused.ply");
+    let make = |more: &[&str]| {
+        let command = ["mesh", text(&cloud), "-q", "--out", text(&mesh)];
+        expect_status(0, command.iter().chain(more));
+        rotation(&mesh)
+    };
+    for up in [&[][..], &["--up", "0,0,1"], &["--up", "1,2,2"]] {
+        let what = ["reconstruct", text(&cloud), "--from", "map-points"];
+        let how = [
+            "--final-only",
+            "--no-page",
+            "--no-picture",
+            "-q",
+            "--out",
+            text(&run),
+        ];
+        expect_status(0, what.iter().chain(&how).chain(up));
+        assert_eq!(make(up), rotation(&run.join("mesh.glb")), "{up:?}");
+    }
+    let up = make(&["--up", "1,2,2"]) * Vector3::y();
+    assert!((up - Vector3::new(1.0, 2.0, 2.0) / 3.0).norm() < 1e-12);
+}

@@ -26,6 +26,20 @@ pub enum TilesError {
         /// What is wrong with it.
         what: String,
     },
+    /// A file of the plan is not what was written, or missing.
+    #[error("{}: {what}; run `linecarve tiles plan` again with the same arguments, which makes it anew", path.display())]
+    DamagedPlan {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A folder holds no plan.
+    #[error("{0}: it holds no plan; make one with `linecarve tiles plan INPUT {0}`", path.display())]
+    NoPlan {
+        /// The folder.
+        path: PathBuf,
+    },
     /// A file belongs to another plan.
     #[error("{}: made for another plan; delete the folder's contents and plan again", path.display())]
     OtherPlan {
@@ -130,6 +144,13 @@ impl TilesError {
         move |source| Self::Io {
             path: path.to_owned(),
             source,
+        }
+    }
+
+    pub(crate) fn damaged_plan(path: &Path, what: impl Into<String>) -> Self {
+        Self::DamagedPlan {
+            path: path.to_owned(),
+            what: what.into(),
         }
     }
 

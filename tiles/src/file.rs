@@ -45,6 +45,21 @@ pub(crate) enum Kind {
     Merge = 12,
 }
 
+impl Kind {
+    /// Whether the plan has such files, which no item makes.
+    fn is_of_plan(self) -> bool {
+        matches!(self, Self::Views | Self::Sample | Self::Points | Self::Rays)
+    }
+
+    /// The error about a damaged file of this kind.
+    fn damaged(self, path: &Path, what: &str) -> TilesError {
+        match self.is_of_plan() {
+            true => TilesError::damaged_plan(path, format!("damaged ({what})")),
+            false => TilesError::damaged(path, what),
+        }
+    }
+}
+
 impl From<Stage> for Kind {
     fn from(stage: Stage) -> Self {
         match stage {
@@ -128,6 +143,7 @@ impl Writer {
 #[derive(Debug)]
 pub(crate) struct Reader {
     path: PathBuf,
+    kind: Kind,
     /// Where each section begins, its length and its checksum.
     sections: Vec<[u64; 3]>,
     digest: u64,
@@ -135,8 +151,13 @@ pub(crate) struct Reader {
 
 impl Reader {
     pub(crate) fn open(path: &Path, kind: Kind, plan: u64) -> Result<Self, TilesError> {
-        let damaged = |what: &str| TilesError::damaged(path, what);
-        let mut file = File::open(path).map_err(TilesError::io(path))?;
+        let damaged = |what: &str| kind.damaged(path, what);
+        let mut file = File::open(path).map_err(|fault| match fault.kind() {
+            std::io::ErrorKind::NotFound if kind.is_of_plan() => {
+                TilesError::damaged_plan(path, "missing")
+            }
+            _ => TilesError::io(path)(fault),
+        })?;
         let length = file.metadata().map_err(TilesError::io(path))?.len();
         let mut header = [0; HEADER];
         if length < HEADER as u64 {
@@ -175,6 +196,7 @@ impl Reader {
         });
         Ok(Self {
             path: path.to_owned(),
+            kind,
             sections: sections.collect(),
             digest,
         })
@@ -199,7 +221,7 @@ impl Reader {
     /// The bytes of a section, verified.
     pub(crate) fn bytes(&self, section: usize) -> Result<Vec<u8>, TilesError> {
         let Some(&[start, length, checksum]) = self.sections.get(section) else {
-            return Err(TilesError::damaged(&self.path, "a section is missing"));
+            return Err(self.kind.damaged(&self.path, "a section is missing"));
         };
         let mut bytes = vec![0; length as usize];
         // Opened for each section: a plan may have more tiles than a process may have files open.
@@ -209,14 +231,14 @@ impl Reader {
             .map_err(TilesError::io(&self.path))?;
         if xxh3_64(&bytes) != checksum {
             let what = format!("checksum of section {section}");
-            return Err(TilesError::damaged(&self.path, what));
+            return Err(self.kind.damaged(&self.path, &what));
         }
         Ok(bytes)
     }
 
     pub(crate) fn records<T: Record>(&self, section: usize) -> Result<Vec<T>, TilesError> {
         decode(&self.bytes(section)?)
-            .ok_or_else(|| TilesError::damaged(&self.path, "a record is incomplete"))
+            .ok_or_else(|| self.kind.damaged(&self.path, "a record is incomplete"))
     }
 
     /// Verifies all sections.

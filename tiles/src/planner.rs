@@ -239,11 +239,14 @@ impl Planner {
         let plan = Plan::new(input, carver, export, how, extents, tiles, caller);
         let text = serde_json::to_vec_pretty(&plan).unwrap_or_default();
         let path = self.folder.join("plan.json");
-        if let Ok(found) = std::fs::read(&path) {
-            return match found == text {
-                true => Work::open(&self.folder),
-                false => Err(TilesError::Planned { path: self.folder }),
-            };
+        match Work::open(&self.folder) {
+            // What is damaged is made anew.
+            Err(TilesError::NoPlan { .. } | TilesError::DamagedPlan { .. }) => {}
+            Ok(work) if work.is(&text) => match work.verify_plan() {
+                Err(TilesError::DamagedPlan { .. } | TilesError::OtherPlan { .. }) => {}
+                verified => return verified.map(|()| work),
+            },
+            _ => return Err(TilesError::Planned { path: self.folder }),
         }
         let work = Work::new(&self.folder, plan, xxh3_64(&text));
         self.gather(&work)?;

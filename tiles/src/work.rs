@@ -40,9 +40,15 @@ impl Work {
     /// When there is no plan, or another version of the program made it.
     pub fn open(folder: &Path) -> Result<Self, TilesError> {
         let path = folder.join("plan.json");
-        let bytes = std::fs::read(&path).map_err(TilesError::io(&path))?;
-        let text: serde_json::Value = serde_json::from_slice(&bytes)
-            .map_err(|error| TilesError::damaged(&path, error.to_string()))?;
+        let bytes = std::fs::read(&path).map_err(|fault| match fault.kind() {
+            std::io::ErrorKind::NotFound => TilesError::NoPlan {
+                path: folder.to_owned(),
+            },
+            _ => TilesError::io(&path)(fault),
+        })?;
+        let damaged = |what: &str| TilesError::damaged_plan(&path, format!("damaged ({what})"));
+        let text: serde_json::Value =
+            serde_json::from_slice(&bytes).map_err(|error| damaged(&error.to_string()))?;
         let found = text["program"].as_str().unwrap_or("unknown").to_owned();
         let expected = program();
         if found != expected {
@@ -52,10 +58,10 @@ impl Work {
                 expected,
             });
         }
-        let plan: Plan = serde_json::from_slice(&bytes)
-            .map_err(|error| TilesError::damaged(&path, error.to_string()))?;
+        let plan: Plan =
+            serde_json::from_slice(&bytes).map_err(|error| damaged(&error.to_string()))?;
         if plan.seal() != plan.sealed {
-            return Err(TilesError::damaged(&path, "it was changed by hand"));
+            return Err(damaged("it was changed by hand"));
         }
         Ok(Self {
             folder: folder.to_owned(),
@@ -70,6 +76,11 @@ impl Work {
             plan,
             digest,
         }
+    }
+
+    /// Whether the plan is this text.
+    pub(crate) fn is(&self, text: &[u8]) -> bool {
+        self.digest == xxh3_64(text)
     }
 
     /// The plan.
@@ -189,7 +200,7 @@ impl Work {
     /// Verifies every checksum of the files of the plan itself.
     ///
     /// # Errors
-    /// Names the damaged file; the input has to be planned again into an empty folder.
+    /// Names the damaged file; the same input has to be planned again.
     pub fn verify_plan(&self) -> Result<(), TilesError> {
         self.open_plan_file("views", Kind::Views)?.verify()?;
         self.open_plan_file("sample", Kind::Sample)?.verify()?;

@@ -409,7 +409,7 @@ fn damage_is_noticed_and_made_good() {
     .unwrap();
     assert!(matches!(
         Work::open(folder.path()),
-        Err(TilesError::Damaged { .. })
+        Err(TilesError::DamagedPlan { .. })
     ));
     std::fs::write(
         folder.path().join("plan.json"),

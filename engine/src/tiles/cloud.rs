@@ -6,7 +6,7 @@ use std::path::Path;
 
 use linecarve_carving::Hull;
 use linecarve_mesh::files::write_atomically;
-use linecarve_tiles::{PlanOptions, Planner, SeenPoint, Work};
+use linecarve_tiles::{PlanOptions, Planner, SeenPoint, TilesError, Work};
 use nalgebra::Point3;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
@@ -21,7 +21,7 @@ impl Selection {
     /// # Errors
     /// When a temporary file cannot be read, or the plan cannot be made.
     pub(super) fn plan(mut self, split: Split, folder: &Path) -> Result<Work, ProjectError> {
-        let file_error = |fault| ProjectError::file(folder)(fault);
+        let file_error = |fault| ProjectError::temporary(folder)(fault);
         let coordinates = self.centers.iter().map(|center| (*center).into());
         let coordinates: Vec<[f64; 3]> = coordinates.collect();
         let mut plan = PlanOptions::default();
@@ -111,14 +111,32 @@ impl SurfaceFile {
 /// # Errors
 /// When the file is missing or damaged.
 pub(super) fn read_surface(folder: &Path) -> Result<CloudSurface, ProjectError> {
+    let bytes = read_kept(folder)?;
+    let surface = CloudSurface::from_bytes(&bytes);
+    surface.ok_or_else(|| damaged(&folder.join(FILE)))
+}
+
+/// The bytes that were kept, verified.
+///
+/// # Errors
+/// As [`read_surface`].
+pub(super) fn read_kept(folder: &Path) -> Result<Vec<u8>, ProjectError> {
     let path = folder.join(FILE);
-    let file = std::fs::read(&path).map_err(ProjectError::file(&path))?;
-    let whole = file.split_last_chunk::<8>();
-    let bytes = whole.filter(|(bytes, digest)| xxh3_64(bytes).to_le_bytes() == **digest);
-    let surface = bytes.and_then(|(bytes, _)| CloudSurface::from_bytes(bytes));
-    surface.ok_or_else(|| {
-        let problem = "the file is damaged: plan into an empty folder";
-        let damaged = std::io::Error::new(std::io::ErrorKind::InvalidData, problem);
-        ProjectError::file(&path)(damaged)
+    let mut bytes = std::fs::read(&path).map_err(|fault| match fault.kind() {
+        std::io::ErrorKind::NotFound => damaged(&path),
+        _ => ProjectError::file(&path)(fault),
+    })?;
+    let length = bytes.len().saturating_sub(8);
+    let digest = bytes.split_off(length);
+    match digest == xxh3_64(&bytes).to_le_bytes() {
+        true => Ok(bytes),
+        false => Err(damaged(&path)),
+    }
+}
+
+fn damaged(path: &Path) -> ProjectError {
+    ProjectError::from(TilesError::DamagedPlan {
+        path: path.to_owned(),
+        what: "missing or damaged".to_owned(),
     })
 }

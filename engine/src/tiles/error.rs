@@ -59,6 +59,14 @@ pub enum ProjectError {
         /// Error of the operating system.
         fault: std::io::Error,
     },
+    /// A file without a name cannot be written or read.
+    #[error("a temporary file in {}: {fault}", folder.display())]
+    Temporary {
+        /// The folder.
+        folder: PathBuf,
+        /// Error of the operating system.
+        fault: std::io::Error,
+    },
     /// A plan is not what was written.
     #[error("{}: damaged; plan again into another folder: {fault}", path.display())]
     Damaged {
@@ -125,6 +133,22 @@ pub enum ProjectError {
 }
 
 impl ProjectError {
+    /// Whether a file of the plan is damaged or missing.
+    pub fn is_damaged_plan(&self) -> bool {
+        matches!(
+            self,
+            Self::Damaged { .. } | Self::Tiles(TilesError::DamagedPlan { .. })
+        )
+    }
+
+    /// An error of the operating system about a file without a name in a folder.
+    pub(super) fn temporary(folder: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+        move |fault| Self::Temporary {
+            folder: folder.to_owned(),
+            fault,
+        }
+    }
+
     /// An error of the operating system about a file or folder.
     pub(super) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |fault| Self::File {

@@ -5,9 +5,10 @@ use std::path::Path;
 use linecarve_mesh::TriangleMesh;
 use linecarve_tiles::{Item, Manifest, Stage, TilesError, Work, run_item, run_pending};
 
-use super::ProjectError;
+use super::cloud::read_kept;
 use super::sequence::SequencePlan;
 use super::task::{Task, TaskStage};
+use super::{Finish, ProjectError};
 use crate::run::peak_mb;
 
 /// An opened folder.
@@ -114,7 +115,10 @@ impl Project {
     /// Names the damaged file.
     pub fn verify_plan(&self) -> Result<(), ProjectError> {
         match (&self.sequence, &self.work) {
-            (None, Some(work)) => Ok(work.verify_plan()?),
+            (None, Some(work)) => {
+                work.verify_plan()?;
+                verify_cloud(work)
+            }
             _ => Ok(()),
         }
     }
@@ -151,6 +155,15 @@ impl Project {
             }
             (None, None) => Ok(()),
         }
+    }
+}
+
+/// Verifies what the mesh of a dense cloud needs of its points.
+fn verify_cloud(work: &Work) -> Result<(), ProjectError> {
+    let finish: Finish = serde_json::from_str(&work.plan().caller)?;
+    match finish.dense {
+        Some(_) => read_kept(work.folder()).map(drop),
+        None => Ok(()),
     }
 }
 
@@ -192,6 +205,7 @@ pub fn carry_out_all<E: From<ProjectError> + From<TilesError> + Send>(
         project = Project::open(folder)?;
     }
     let work = project.work()?;
+    verify_cloud(work)?;
     let of_tiles = |Item { stage, number }| {
         let stage = TaskStage::Tiles(stage);
         execute(Task { stage, number })

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use linecarve_mesh::render::up_direction;
 use linecarve_sequence::{DenseCloud, ModelView, SparseModel};
 use nalgebra::{Point3, Vector3};
 
@@ -24,6 +25,8 @@ pub(super) struct Selection {
     pub(super) options: Options,
     /// Subtracted from all coordinates.
     pub(super) origin: Vector3<f64>,
+    /// Mean up direction of the views.
+    pub(super) up: Vector3<f64>,
     /// Centres of the views.
     pub(super) centers: Vec<Point3<f64>>,
     /// Median depth of the points in their views; `None` without points.
@@ -36,6 +39,12 @@ enum Points {
     Joined(Vec<JoinedPoint>),
     /// Not joined yet, and the top level of the octree of the cloud.
     Spilled(Spill, i32),
+}
+
+/// Mean up direction of views.
+pub fn up_of_views(views: &[ModelView]) -> Vector3<f64> {
+    let poses: Vec<_> = views.iter().map(|view| view.world_from_camera).collect();
+    up_direction(&poses)
 }
 
 impl Opened {
@@ -79,6 +88,7 @@ impl Selection {
         Ok(Self {
             options,
             origin,
+            up: up_of_views(&model.views),
             centers: selected.centers,
             median_depth: selected.median_depth,
             counts: selected.counts,
@@ -115,8 +125,8 @@ impl Selection {
         let views: Vec<ModelView> = cloud.views().iter().map(shifted).collect();
         let centers = views.iter().map(center_of).collect();
         let mut selector = PointSelector::new(views, &options, statistics);
-        let file_error = |fault| ProjectError::file(folder)(fault);
-        std::fs::create_dir_all(folder).map_err(file_error)?;
+        std::fs::create_dir_all(folder).map_err(ProjectError::file(folder))?;
+        let file_error = |fault| ProjectError::temporary(folder)(fault);
         let mut depths = Medians::new(folder).map_err(file_error)?;
         let top = top_level(extent.translated(&-origin).longest());
         let mut spill = Spill::new(folder, top).map_err(file_error)?;
@@ -131,6 +141,7 @@ impl Selection {
         Ok(Self {
             options,
             origin,
+            up: up_of_views(cloud.views()),
             centers,
             median_depth: depths.upper_median().map_err(file_error)?,
             counts: ModelCounts {

@@ -61,7 +61,7 @@ impl Spill {
         mut take: impl FnMut(Vec<SeenPoint>) -> Result<(), ProjectError>,
     ) -> Result<(), ProjectError> {
         for file in self.files {
-            let points = points_of(file).map_err(ProjectError::file(folder))?;
+            let points = points_of(file).map_err(ProjectError::temporary(folder))?;
             take(points)?;
         }
         Ok(())

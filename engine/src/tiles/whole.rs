@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use linecarve_mesh::TriangleMesh;
+use nalgebra::Vector3;
 
 use super::ProjectError;
 use super::selection::{Opened, Selection};
@@ -15,6 +16,8 @@ use crate::recording::Input;
 pub struct PointMesh {
     /// In the frame of the poses. With colours where the points have some.
     pub mesh: TriangleMesh,
+    /// Mean up direction of the views.
+    pub up: Vector3<f64>,
     /// Numbers of carved and rejected points.
     pub counts: ModelCounts,
     /// Number of points that were carved, after points of a dense cloud were joined.
@@ -56,6 +59,7 @@ impl Selection {
         mesh.translate(&self.origin);
         Ok(PointMesh {
             mesh,
+            up: self.up,
             counts: self.counts,
             carved: map.carver().point_count(),
         })

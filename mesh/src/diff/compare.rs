@@ -2,12 +2,12 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::distances::{farthest_vertex, to_other, used_positions};
+use super::distances::{Other, farthest_vertex, to_other, used_positions};
 use super::options::{Check, DiffOptions};
 use super::orientation::flipped;
 use super::result::{CheckOutcome, ComparedMesh, Difference, MeshLocation, OneSidedDistances};
 use super::topology::Topology;
-use crate::evaluate::{NearestPointIndex, ShapeSummary};
+use crate::evaluate::ShapeSummary;
 use crate::{GeometryError, Shape, ShapeKind};
 
 /// Why two shapes cannot be compared.
@@ -36,9 +36,10 @@ pub enum DiffError {
 
 /// Compares two meshes. Either may be empty; two empty meshes are equal.
 ///
-/// Distances to the other surface are exact. They are measured at samples uniform by area, at every vertex in use and
-/// at the centre of every triangle; the largest in both directions is the Hausdorff distance on these points. The
-/// order of vertices and triangles and vertices without triangles make no difference.
+/// Distances to the other surface are exact, and 0 on triangles that both meshes have. They are measured at samples
+/// uniform by area, at every vertex in use and at the centre of every triangle; the largest in both directions is the
+/// Hausdorff distance on these points. Triangles without area have no distance. The order of vertices and triangles
+/// and vertices without triangles make no difference.
 ///
 /// # Errors
 /// When a shape is not valid or not a mesh, or an option is out of range.
@@ -92,10 +93,7 @@ pub fn compare(
     }
     let tolerance = tolerance.max(rounding(expected).max(rounding(actual)));
 
-    let (expected_surface, actual_surface) = (
-        NearestPointIndex::new(expected),
-        NearestPointIndex::new(actual),
-    );
+    let (expected_surface, actual_surface) = (Other::new(expected), Other::new(actual));
     let measure = |mesh, on, other, seed| to_other(mesh, on, other, options.samples, seed);
     let from_expected = measure(
         expected,
@@ -123,10 +121,18 @@ pub fn compare(
     } else {
         None
     };
-    let (flipped_here, worst_here) =
-        flipped(expected, ComparedMesh::Expected, &actual_surface, tolerance);
-    let (flipped_there, worst_there) =
-        flipped(actual, ComparedMesh::Actual, &expected_surface, tolerance);
+    let (flipped_here, worst_here) = flipped(
+        expected,
+        ComparedMesh::Expected,
+        &actual_surface.index,
+        tolerance,
+    );
+    let (flipped_there, worst_there) = flipped(
+        actual,
+        ComparedMesh::Actual,
+        &expected_surface.index,
+        tolerance,
+    );
 
     let mut difference = Difference {
         is_same: true,

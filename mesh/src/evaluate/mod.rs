@@ -29,5 +29,6 @@ pub use observed_shape::{
 };
 pub use options::{Alignment, EvaluationOptions, EvaluationOptionsError, Region};
 pub use result::{AlignmentSummary, Evaluation, ObservedSummary, ShapeSummary, ThresholdScore};
+pub(crate) use samples::area;
 pub use samples::{sample_cloud, sample_lines, sample_surface, surface_area};
 pub use statistics::DistanceStatistics;

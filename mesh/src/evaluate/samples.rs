@@ -11,7 +11,8 @@ pub fn surface_area(shape: &Shape) -> f64 {
     shape.triangles.iter().map(|t| area(shape, t)).sum()
 }
 
-fn area(shape: &Shape, triangle: &[u32; 3]) -> f64 {
+/// Area of a triangle of a shape.
+pub(crate) fn area(shape: &Shape, triangle: &[u32; 3]) -> f64 {
     let [a, b, c] = triangle.map(|corner| shape.positions[corner as usize]);
     0.5 * (b - a).cross(&(c - a)).norm()
 }

@@ -1,6 +1,6 @@
 //! The frame of a glTF file, whose y axis points up.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
 /// An up direction within this angle of an axis is that axis: worlds are made with an axis up, and cameras are held a little askew.
 const SNAP_DEG: f64 = 25.0;
@@ -43,6 +43,22 @@ impl From<&Vector3<f64>> for GltfFrame {
     /// A frame with an origin and the axes of a camera, whose y axis points down.
     fn from(origin: &Vector3<f64>) -> Self {
         Self::upright(*origin, &-Vector3::y())
+    }
+}
+
+/// The origin for files in single precision: the middle of the points in whole units where they lie far from zero for their size, else zero.
+pub fn far_origin(points: &[Point3<f64>]) -> Vector3<f64> {
+    let Some(first) = points.first() else {
+        return Vector3::zeros();
+    };
+    let (low, high) = points.iter().fold((*first, *first), |(low, high), point| {
+        (low.inf(point), high.sup(point))
+    });
+    let middle = nalgebra::center(&low, &high).coords;
+    if middle.amax() > 1000.0 * (high - low).amax() {
+        middle.map(f64::round)
+    } else {
+        Vector3::zeros()
     }
 }
 
@@ -108,6 +124,17 @@ mod tests {
         let of_camera = GltfFrame::from(&Vector3::new(1.0, 2.0, 3.0));
         let expected = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
         assert_eq!(of_camera.gltf_from_original.into_inner(), expected);
+    }
+
+    #[test]
+    fn points_far_from_zero_get_an_origin() {
+        let at = |x: f64| [Point3::new(x, 0.0, 0.25), Point3::new(x + 3.0, 4.0, 0.0)];
+        assert_eq!(
+            far_origin(&at(500_000.25)),
+            Vector3::new(500_002.0, 2.0, 0.0)
+        );
+        assert_eq!(far_origin(&at(100.0)), Vector3::zeros());
+        assert_eq!(far_origin(&[]), Vector3::zeros());
     }
 
     #[test]

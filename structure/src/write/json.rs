@@ -39,6 +39,8 @@ pub struct StructureSummary {
     pub main_directions: Option<[Vector3<f64>; 3]>,
     /// Rotation into the frame of DXF, IFC, USD and the plan, by rows.
     pub upright_from_original: [[f64; 3]; 3],
+    /// Added after that rotation; zero unless the mesh lies far from zero.
+    pub upright_translation: Vector3<f64>,
     /// Planes, by descending area.
     pub planes: Vec<StructurePlane>,
     /// Distances between parallel planes.
@@ -56,7 +58,7 @@ pub struct StructureSummary {
 impl StructureSummary {
     /// Sums up a structure; `free_share` is the share of its polygons in free space, where that was checked.
     pub fn new(structure: &Structure, plan: Option<&Plan>, free_share: Option<f64>) -> Self {
-        let rotation = structure.upright_from_original();
+        let upright = structure.upright_from_original();
         let rings = || structure.polygons.iter().flat_map(|it| &it.rings);
         Self {
             generator: concat!("linecarve ", env!("CARGO_PKG_VERSION")),
@@ -73,8 +75,9 @@ impl StructureSummary {
             up: structure.up,
             main_directions: structure.main_directions,
             upright_from_original: std::array::from_fn(|row| {
-                std::array::from_fn(|column| rotation[(row, column)])
+                std::array::from_fn(|column| upright.rotation[(row, column)])
             }),
+            upright_translation: upright.translation.vector,
             planes: structure.planes.clone(),
             distances: structure.distances.clone(),
             edges: structure.edges.clone(),

@@ -19,15 +19,24 @@ pub use usda::write_usda;
 
 use std::borrow::Cow;
 
-use nalgebra::{Point3, Rotation3, Vector3};
+use linecarve_mesh::{GltfFrame, far_origin};
+use nalgebra::{IsometryMatrix3, Point3, Rotation3, Vector3};
 
 use crate::kind::Kind;
 use crate::structure::{Polygon, Structure};
 use crate::surface::{rank, unique};
 
 impl Structure {
-    /// The rotation into the upright frame: z is up, x is the first main direction, or any level direction without.
-    pub fn upright_from_original(&self) -> Rotation3<f64> {
+    /// The transform into the upright frame: z is up, x is the first main direction, or any level direction without. Structures far from
+    /// zero turn about their middle, and stay about where they are.
+    pub fn upright_from_original(&self) -> IsometryMatrix3<f64> {
+        let rotation = self.upright_rotation();
+        let [original, upright] = self.origins();
+        IsometryMatrix3::from_parts((upright - rotation * original).into(), rotation)
+    }
+
+    /// The rotation into the upright frame.
+    pub(crate) fn upright_rotation(&self) -> Rotation3<f64> {
         let x = match self.main_directions {
             Some([x, _, _]) => x,
             None => {
@@ -38,6 +47,17 @@ impl Structure {
         };
         let rows = [x, self.up.cross(&x), self.up].map(|row| row.transpose());
         Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_rows(&rows))
+    }
+
+    /// The position about which the structure turns, zero unless it lies far off, and the same in the upright frame: the axis nearest to up
+    /// becomes z, and no coordinate is mixed with another.
+    fn origins(&self) -> [Vector3<f64>; 2] {
+        let origin = far_origin(&self.positions);
+        let mut axis = Vector3::zeros();
+        axis[self.up.iamax()] = self.up[self.up.iamax()].signum();
+        let gltf_from_original = GltfFrame::upright(Vector3::zeros(), &axis).gltf_from_original;
+        let in_gltf = gltf_from_original * origin;
+        [origin, Vector3::new(in_gltf.x, -in_gltf.z, in_gltf.y)]
     }
 }
 
@@ -95,16 +115,16 @@ where
     (used, faces)
 }
 
-/// The coordinates of all vertices, turned, with as many decimals as the size of the structure asks for: a ten millionth of the extent,
+/// The coordinates of all vertices, transformed, with as many decimals as the size of the structure asks for: a ten millionth of the extent,
 /// which is what single precision resolves.
-fn texts(structure: &Structure, turn: &Rotation3<f64>) -> Vec<[String; 3]> {
+fn texts(structure: &Structure, transform: &IsometryMatrix3<f64>) -> Vec<[String; 3]> {
     let diagonal = structure.mesh().diagonal();
     let decimals = match diagonal > 0.0 {
         true => (-(diagonal * 1e-7).log10()).ceil().clamp(0.0, 15.0) as usize,
         false => 6,
     };
     let texts =
-        |it: &Point3<f64>| <[f64; 3]>::from((turn * it).coords).map(|it| text(it, decimals));
+        |it: &Point3<f64>| <[f64; 3]>::from((transform * it).coords).map(|it| text(it, decimals));
     structure.positions.iter().map(texts).collect()
 }
 

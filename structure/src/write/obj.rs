@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use linecarve_mesh::files::{WriteError, write_atomically};
-use nalgebra::Rotation3;
+use nalgebra::IsometryMatrix3;
 
 use super::{faces, parts, texts};
 use crate::structure::Structure;
@@ -27,7 +27,7 @@ pub fn write_structure_obj(path: &Path, structure: &Structure) -> Result<(), Wri
     write_atomically(path, |out| {
         let name = library.file_name().unwrap_or_default();
         writeln!(out, "mtllib {}", name.display())?;
-        for point in texts(structure, &Rotation3::identity()) {
+        for point in texts(structure, &IsometryMatrix3::identity()) {
             writeln!(out, "v {}", point.join(" "))?;
         }
         for part in &parts {

@@ -107,7 +107,7 @@ impl Drawing {
 
     /// Distances between walls that face each other, level ones below the section and the others beside it.
     fn distances(&mut self, structure: &Structure, plan: &Plan) {
-        let upright = structure.upright_from_original();
+        let upright = structure.upright_rotation();
         let mut facing: Vec<_> = structure.distances.iter().filter(|it| it.facing).collect();
         let area = |it: &crate::Distance| {
             let areas = it.planes.map(|plane| structure.planes[plane as usize].area);

@@ -167,6 +167,36 @@ fn a_scaled_mesh_is_off_by_its_growth() {
 }
 
 #[test]
+fn a_mesh_is_itself_without_tolerance() {
+    // A triangle without area away from the rest.
+    let mut mesh = room();
+    let count = mesh.positions.len() as u32;
+    mesh.positions
+        .extend([[5.0; 3], [6.0; 3]].map(Point3::from));
+    mesh.triangles.push([count, count + 1, count + 1]);
+    // Slivers on which the nearest point is not quite exact.
+    for sliver in 0..100 {
+        let (first, x) = (mesh.positions.len() as u32, 0.1 + 0.01 * f64::from(sliver));
+        let corners = [
+            [x, 7.0, 1.0 / x],
+            [x + 1.0 / 3.0, 9.1, x],
+            [x + 0.1, 7.63 + 1e-9, 0.7 / x + 0.3 * x],
+        ];
+        mesh.positions.extend(corners.map(Point3::from));
+        mesh.triangles.push([first, first + 1, first + 2]);
+    }
+    let found = compare(&mesh, &mesh, &within(0.0)).unwrap();
+    assert!(found.is_same, "{:?}", found.checks);
+    assert_eq!(found.worst.unwrap().distance, 0.0);
+    // Without its triangle without area the surface is the same; the box is not.
+    let mut without = mesh.clone();
+    without.triangles.remove(12);
+    let found = compare(&mesh, &without, &within(0.01)).unwrap();
+    assert_eq!(found.worst.unwrap().distance, 0.0);
+    assert!(!failed(&found).contains(&Check::Distance));
+}
+
+#[test]
 fn empty_meshes_are_like_one_another_alone() {
     let nothing = Shape::default();
     assert!(compare(&nothing, &nothing, &within(0.0)).unwrap().is_same);

@@ -16,7 +16,7 @@ use gltf::json::accessor::Type;
 use gltf::json::buffer::View;
 use gltf::json::mesh::{Mode, Primitive, Semantic};
 use gltf::json::validation::Checked;
-use gltf::json::{Accessor, Index, Mesh, Node, Root, extras::RawValue};
+use gltf::json::{Accessor, Index, Mesh, Node, Root, Scene, extras::RawValue};
 use nalgebra::{Matrix4, Point3};
 use serde::Deserialize;
 
@@ -27,8 +27,8 @@ use crate::srgb::encoded_color;
 use crate::texture::Texture;
 use texture::Textures;
 
-/// Maximum nesting of nodes; a file that exceeds it contains a cycle.
-const MAX_DEPTH: usize = 256;
+/// Most vertices and indices in all copies of meshes beyond the first: files of a few kilobytes could ask for any number.
+const MAX_COPIED: usize = 1 << 26;
 
 /// A document with the bytes of its buffers.
 pub(super) struct Data<'a> {
@@ -92,32 +92,66 @@ pub(super) fn parse(
         let texture = textures.map(|all| all.load(&data, path)).transpose()?;
         return Ok((shape, texture.flatten()));
     };
+    add_scene(scene, &data, &mut shape, &mut textures)?;
+    let texture = textures.map(|all| all.load(&data, path)).transpose()?;
+    Ok((shape, texture.flatten()))
+}
+
+/// Adds the meshes of all nodes of a scene, in the order of the file.
+fn add_scene(
+    scene: &Scene,
+    data: &Data<'_>,
+    shape: &mut Shape,
+    textures: &mut Option<Textures>,
+) -> Result<(), String> {
+    let document = &data.document;
     let original_from_gltf = match &scene.extras {
         Some(extras) => original_from_gltf(extras)?,
         None => Matrix4::identity(),
     };
-    let children = |nodes: &[Index<Node>], original_from_parent: Matrix4<f64>, depth: usize| {
-        // The stack is emptied from its end: reversed, nodes come in the order of the file.
-        let nodes = nodes.iter().rev();
-        nodes
-            .map(|node| (&document.nodes[node.value()], original_from_parent, depth))
-            .collect::<Vec<(&Node, Matrix4<f64>, usize)>>()
-    };
-    let mut open = children(&scene.nodes, original_from_gltf, 0);
-    while let Some((node, original_from_parent, depth)) = open.pop() {
-        if depth > MAX_DEPTH {
-            return Err("its nodes contain themselves".to_owned());
+    let mut open = children(&scene.nodes, original_from_gltf);
+    let mut is_reached = vec![false; document.nodes.len()];
+    let mut is_used = vec![false; document.meshes.len()];
+    let mut copied = 0;
+    while let Some((index, original_from_parent)) = open.pop() {
+        if std::mem::replace(&mut is_reached[index.value()], true) {
+            return Err(format!(
+                "node {index} has two parents or contains itself, which glTF forbids; export it with a copy of the node for each parent"
+            ));
         }
+        let node = &document.nodes[index.value()];
         let original_from_node =
             original_from_parent * document::parent_from_node(node).cast::<f64>();
         if let Some(mesh) = node.mesh {
-            add_mesh(mesh, &original_from_node, &data, &mut shape, &mut textures)?;
+            let before = size(shape);
+            add_mesh(mesh, &original_from_node, data, shape, textures)?;
+            if std::mem::replace(&mut is_used[mesh.value()], true) {
+                copied += size(shape) - before;
+            }
+            if copied > MAX_COPIED {
+                return Err(format!(
+                    "its nodes copy meshes to more than {MAX_COPIED} vertices and indices; export it with fewer copies"
+                ));
+            }
         }
         let nodes = node.children.as_deref().unwrap_or_default();
-        open.extend(children(nodes, original_from_node, depth + 1));
+        open.extend(children(nodes, original_from_node));
     }
-    let texture = textures.map(|all| all.load(&data, path)).transpose()?;
-    Ok((shape, texture.flatten()))
+    Ok(())
+}
+
+/// Nodes with the transform of their parent for a stack, which is emptied from its end: reversed, they come in the order of the file.
+fn children(
+    nodes: &[Index<Node>],
+    original_from_parent: Matrix4<f64>,
+) -> Vec<(Index<Node>, Matrix4<f64>)> {
+    let nodes = nodes.iter().rev();
+    nodes.map(|node| (*node, original_from_parent)).collect()
+}
+
+/// Vertices and indices of a shape.
+fn size(shape: &Shape) -> usize {
+    shape.positions.len() + 3 * shape.triangles.len() + 2 * shape.lines.len()
 }
 
 /// The matrix in the extras of a scene, or the identity when they have none.

@@ -5,6 +5,7 @@
 //! coordinates are finite and indices in range.
 
 mod accessor;
+mod ears;
 mod error;
 mod gltf;
 mod obj;

@@ -7,9 +7,10 @@ use std::io::{BufRead, Cursor, Read};
 use std::marker::PhantomData;
 
 use nalgebra::Point3;
+use rustc_hash::FxHashSet;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _, SeqAccess, Visitor};
-use serde_ply::{ElementDef, PlyFormat, PlyReader, PropertyType, ScalarType};
+use serde_ply::{ElementDef, PlyFormat, PlyHeader, PlyReader, PropertyType, ScalarType};
 
 use super::polygon;
 use crate::shape::Shape;
@@ -22,6 +23,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
     // The parser needs a blank after the last number of a text file.
     let source = Cursor::new(bytes).chain(&b"\n"[..]);
     let mut reader = PlyReader::from_reader(source).map_err(|error| error.0.to_string())?;
+    check_names(reader.header())?;
     check_declared_sizes(&reader, bytes.len())?;
     let mut shape = Shape::default();
     while let Some(element) = reader.current_element().cloned() {
@@ -29,6 +31,32 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Shape, String> {
             .map_err(|message| format!("element {}: {message}", element.name))?;
     }
     Ok(shape)
+}
+
+/// Refuses an element or a property that is declared twice: which of them counts is not known.
+fn check_names(header: &PlyHeader) -> Result<(), String> {
+    let read = |element: &&ElementDef| ["vertex", "face", "edge"].contains(&element.name.as_str());
+    let elements: Vec<&ElementDef> = header.elem_defs.iter().filter(read).collect();
+    if let Some(name) = repeated(elements.iter().map(|element| element.name.as_str())) {
+        return Err(format!(
+            "the header declares the element {name} twice: declare it once"
+        ));
+    }
+    for element in elements {
+        if let Some(name) = repeated(element.properties.iter().map(|it| it.name.as_str())) {
+            return Err(format!(
+                "the header declares the property {name} of {} twice: declare it once, or give the other one another name",
+                element.name
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The first name that occurs again.
+fn repeated<'a>(names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let mut seen = FxHashSet::default();
+    names.into_iter().find(|name| !seen.insert(*name))
 }
 
 /// Refuses a header that declares more elements than the file can hold, before memory is allocated.
@@ -414,6 +442,14 @@ mod tests {
             (
                 format!("{head}end_header\n0 0\n"),
                 &["element vertex", "property z"][..],
+            ),
+            (
+                format!("{head}property float z\nproperty float x\nend_header\n0 0 0 9\n"),
+                &["property x of vertex twice"],
+            ),
+            (
+                format!("{head}property float z\nelement vertex 1\nproperty float x\nend_header\n0 0 0 9\n"),
+                &["element vertex twice"],
             ),
             (
                 format!("{head}property float z\nend_header\n0 zero 0\n"),

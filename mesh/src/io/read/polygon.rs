@@ -2,12 +2,9 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::least_area::LeastArea;
+use super::ears::{Flat, cut_ears};
 
-/// Most corners of a polygon that is not taken as a fan: the time grows with their cube.
-const MOST_CORNERS: usize = 512;
-
-/// A corner turns the other way if its normal points against that of the polygon by more than this share.
+/// A corner turns the other way if the sine of its angle is below the negative of this.
 const TURN: f64 = 1e-9;
 
 /// The place of a vertex; not a number if the file has none yet, or none at all.
@@ -21,30 +18,46 @@ pub(super) fn position(positions: &[Point3<f64>], vertex: u32) -> Point3<f64> {
 /// The triangles of a polygon by its corners: a fan where it is convex, else without overlaps. `position` gives the place of a corner.
 pub(super) fn triangles(count: usize, position: impl Fn(usize) -> Point3<f64>) -> Vec<[usize; 3]> {
     let fan = || (2..count).map(|at| [0, at - 1, at]).collect();
-    if !(4..=MOST_CORNERS).contains(&count) {
+    if count < 4 {
         return fan();
     }
     let points: Vec<Point3<f64>> = (0..count).map(position).collect();
-    if is_convex(&points) {
+    let normal = normal(&points);
+    if is_convex(&points, &normal) {
         return fan();
     }
-    let found = LeastArea::of(&points, |_, _| true, |_, _| true);
-    found.map_or_else(fan, |found| found.triangles())
+    cut_ears(&flattened(&points, &normal))
+}
+
+/// A normal of the polygon with twice its area as length, by Newell.
+fn normal(points: &[Point3<f64>]) -> Vector3<f64> {
+    (1..points.len() - 1)
+        .map(|at| (points[at] - points[0]).cross(&(points[at + 1] - points[0])))
+        .sum()
 }
 
 /// Whether no corner turns against the others. Also true of coordinates that are not finite.
-fn is_convex(points: &[Point3<f64>]) -> bool {
+fn is_convex(points: &[Point3<f64>], normal: &Vector3<f64>) -> bool {
     let count = points.len();
-    let mut normals = (0..count).map(|at| {
+    let length = normal.norm();
+    let is_against = |at: usize| {
         let [a, b, c] = [at, at + 1, at + 2].map(|at| points[at % count]);
-        (b - a).cross(&(c - b))
-    });
-    // Of the area, by Newell.
-    let normal: Vector3<f64> = (1..count - 1)
-        .map(|at| (points[at] - points[0]).cross(&(points[at + 1] - points[0])))
-        .sum();
-    let least = -TURN * normal.norm_squared();
-    !normals.any(|corner| corner.dot(&normal) < least)
+        let (before, after) = (b - a, c - b);
+        let least = -TURN * before.norm() * after.norm() * length;
+        before.cross(&after).dot(normal) < least
+    };
+    !(0..count).any(is_against)
+}
+
+/// The polygon along the axis nearest to its normal, counter-clockwise. No coordinate is multiplied, so sides along an axis remain so.
+fn flattened(points: &[Point3<f64>], normal: &Vector3<f64>) -> Vec<Flat> {
+    let axis = normal.iamax();
+    let [mut x, mut y] = [(axis + 1) % 3, (axis + 2) % 3];
+    if normal[axis] < 0.0 {
+        std::mem::swap(&mut x, &mut y);
+    }
+    let offsets = points.iter().map(|it| it - points[0]);
+    offsets.map(|it| [it[x], it[y]]).collect()
 }
 
 #[cfg(test)]

@@ -250,7 +250,7 @@ fn damaged_gltf_is_told() {
     for (text, word) in [
         (
             document(4, r#"{"mesh": 0, "children": [0]}"#, ""),
-            "contain themselves",
+            "node 0 has two parents",
         ),
         (
             document(
@@ -285,6 +285,65 @@ fn damaged_gltf_is_told() {
             "{word}: {message}"
         );
     }
+}
+
+/// Nodes that double at each level would take 2^40 steps.
+#[test]
+fn nodes_are_reached_once_and_may_be_nested_deeply() {
+    let chain = |count: usize, children: fn(usize) -> String| {
+        let nodes = (1..=count).map(|it| format!("{{\"children\": [{}]}}, ", children(it)));
+        document(4, &(nodes.collect::<String>() + r#"{"mesh": 0}"#), "")
+    };
+    let doubled = chain(40, |it| format!("{it}, {it}"));
+    let message = read_bytes("a.gltf", doubled.as_bytes())
+        .unwrap_err()
+        .to_string();
+    assert!(message.contains("node 40 has two parents"), "{message}");
+    let deep = chain(1000, |it| it.to_string());
+    assert_eq!(
+        read_bytes("a.gltf", deep.as_bytes())
+            .unwrap()
+            .triangles
+            .len(),
+        1
+    );
+    // A cycle behind the first node.
+    let cycle = document(
+        4,
+        r#"{"children": [1]}, {"mesh": 0, "children": [2]}, {"children": [1]}"#,
+        "",
+    );
+    let message = read_bytes("a.gltf", cycle.as_bytes())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("node 1 has two parents or contains itself"),
+        "{message}"
+    );
+}
+
+#[test]
+fn copies_of_a_mesh_are_bounded() {
+    let instances = |count: usize| {
+        let points = vec![0_u8; 12 * 5_000];
+        let data = base64::Engine::encode(&base64::engine::general_purpose::STANDARD, &points);
+        let nodes = vec![r#"{"mesh": 0}"#; count].join(",");
+        let roots: Vec<String> = (0..count).map(|it| it.to_string()).collect();
+        let roots = roots.join(",");
+        format!(
+            r#"{{"asset": {{"version": "2.0"}}, "scenes": [{{"nodes": [{roots}]}}], "nodes": [{nodes}],
+            "meshes": [{{"primitives": [{{"attributes": {{"POSITION": 0}}, "mode": 0}}]}}],
+            "buffers": [{{"byteLength": 60000, "uri": "data:application/octet-stream;base64,{data}"}}],
+            "bufferViews": [{{"buffer": 0, "byteLength": 60000}}],
+            "accessors": [{{"bufferView": 0, "componentType": 5126, "count": 5000, "type": "VEC3", "min": [0, 0, 0], "max": [0, 0, 0]}}]}}"#
+        )
+    };
+    let shape = read_bytes("a.gltf", instances(50).as_bytes()).unwrap();
+    assert_eq!(shape.positions.len(), 250_000);
+    let message = read_bytes("a.gltf", instances(20_000).as_bytes())
+        .unwrap_err()
+        .to_string();
+    assert!(message.contains("fewer copies"), "{message}");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The dense cloud of COLMAP read point by point, for clouds larger than memory.
 
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -332,6 +333,7 @@ impl Rows {
         };
         let mut found: [Option<Place>; 6] = [None; 6];
         let mut colors = [None; 3];
+        let mut names = BTreeSet::new();
         for words in words {
             match words[..] {
                 ["format", format, _] if format != "binary_little_endian" => return None,
@@ -341,6 +343,8 @@ impl Rows {
                         rows.count = count.parse().ok().filter(|_| name == "vertex")?;
                     }
                 }
+                // The reader of all PLY files names the property.
+                ["property", _, name] if elements == 1 && !names.insert(name) => return None,
                 ["property", kind, name] if elements == 1 => {
                     let size = match kind {
                         "char" | "uchar" | "int8" | "uint8" => 1,
