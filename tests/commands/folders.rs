@@ -13,7 +13,7 @@ use crate::room_folders::{
 };
 
 /// What is broken, how, and what the error must say.
-const FAULTS: [(&str, Writing, &str); 15] = [
+const FAULTS: [(&str, Writing, &str); 17] = [
     (
         "scale",
         Writing {
@@ -126,7 +126,16 @@ const FAULTS: [(&str, Writing, &str); 15] = [
         },
         "fx =",
     ),
+    (
+        "aspect",
+        Writing {
+            aspect: 0.75,
+            ..RIGHT
+        },
+        "fx =",
+    ),
     ("join", Writing { shift: 1, ..RIGHT }, "the next image"),
+    ("clock", Writing { shift: 5, ..RIGHT }, "check that"),
 ];
 
 /// Reconstructs every frame; the output of the program and the mesh.
@@ -406,4 +415,22 @@ fn files_of_other_programs_are_named_with_the_way_in() {
             assert!(said.contains(name), "{said}");
         }
     }
+}
+
+#[test]
+fn what_is_wrong_with_images_without_poses_is_said() {
+    let room = Room::new(3);
+    let folder = tempfile::tempdir().unwrap();
+    for frame in 0..3 {
+        room.copy_color(frame, &folder.path().join(format!("rgb/{frame}")));
+    }
+    let camera = r#"{"width": 640, "height": 480, "intrinsic_matrix": [525, 0, 0, 0, 525, 0, 319.5, 239.5, 1]}"#;
+    std::fs::write(folder.path().join("camera_intrinsic.json"), camera).unwrap();
+    let out = folder.path().join("out");
+    let command = ["reconstruct", text(folder.path()), "--out", text(&out)];
+    let said = stderr(&expect_status(2, command));
+    assert!(
+        said.contains("by camera_intrinsic.json") && !said.contains("no known layout"),
+        "{said}"
+    );
 }

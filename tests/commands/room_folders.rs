@@ -112,6 +112,8 @@ pub(crate) struct Writing {
     pub(crate) is_w_first: bool,
     /// Factor on the focal length.
     pub(crate) focal: f64,
+    /// Factor on that in y alone.
+    pub(crate) aspect: f64,
     /// The pose of a frame is that of the frame so many before.
     pub(crate) shift: usize,
 }
@@ -168,6 +170,7 @@ pub(crate) const RIGHT: Writing = Writing {
     moved_depth: 0,
     is_w_first: false,
     focal: 1.0,
+    aspect: 1.0,
     shift: 0,
 };
 
@@ -198,7 +201,7 @@ impl Writing {
         let camera = room.sequence.color_camera();
         [
             self.focal * camera.fx(),
-            self.focal * camera.fy(),
+            self.focal * self.aspect * camera.fy(),
             camera.cx(),
             camera.cy(),
         ]

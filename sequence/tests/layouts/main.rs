@@ -2,6 +2,7 @@
 // The lint exempts test functions only, and helpers are outside of these.
 #![allow(clippy::unwrap_used)]
 
+mod copied_folders;
 mod damage;
 mod export;
 mod faults;

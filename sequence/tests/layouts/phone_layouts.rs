@@ -419,6 +419,36 @@ fn corrected_depth_is_loaded_corrected() {
     assert_eq!(sequence.depth_correction(0), correction);
 }
 
+/// Pictures as a decoder writes them by default, and one more than frames: the recording ends while a picture is stored.
+#[test]
+fn pictures_of_stray_scanner_that_count_from_one_belong_to_the_frame_before() {
+    let folder = written(RecordingLayout::StrayScanner);
+    let right = open(folder.path()).unwrap();
+    let colors: Vec<_> = (0..FRAMES)
+        .map(|at| right.load_color(at).unwrap())
+        .collect();
+    let first = right.frames()[0].color.clone();
+    let numbered = |number: usize| {
+        let end = first.extension().unwrap().to_str().unwrap();
+        first.with_file_name(format!("{number:06}.{end}"))
+    };
+    for number in (0..FRAMES).rev() {
+        std::fs::rename(numbered(number), numbered(number + 1)).unwrap();
+    }
+    std::fs::copy(numbered(FRAMES), numbered(FRAMES + 1)).unwrap();
+    std::fs::remove_file(numbered(3)).unwrap();
+    let sequence = open(folder.path()).unwrap();
+    let said = warnings(&sequence);
+    assert!(said.contains("count from 1"), "{said}");
+    let words = format!("1 of {FRAMES} frames of odometry.csv have no picture: 2");
+    assert!(said.contains(&words), "{said}");
+    let frames = (0..FRAMES).filter(|frame| *frame != 2);
+    assert_eq!(sequence.frames().len(), FRAMES - 1);
+    for (at, frame) in frames.enumerate() {
+        assert_eq!(sequence.load_color(at).unwrap(), colors[frame]);
+    }
+}
+
 #[test]
 fn a_video_of_stray_scanner_is_named_until_its_pictures_are_given() {
     let folder = written(RecordingLayout::StrayScanner);
