@@ -148,7 +148,7 @@ fn a_cloud_without_its_views_names_the_file_and_the_remedy() {
     for (bytes, words) in [
         (
             Some(&file[..0]),
-            "fused.ply.vis: byte 0: the file ends too early",
+            "fused.ply.vis, byte 0: the file ends too early",
         ),
         (Some(&file[..100]), "too early"),
         (None, "fused.ply.vis: is missing"),

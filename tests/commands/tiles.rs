@@ -175,7 +175,7 @@ fn a_damaged_plan_is_named_and_made_anew() {
     make();
     expect_status(0, ["tiles", "run", text(&work), "-q"]);
     let mesh = std::fs::read(work.join("mesh.ply")).unwrap();
-    for name in ["plan/sample", "plan/rays/000001.tile", "cloud", "plan.json"] {
+    for name in ["plan/sample", "plan/rays/000001.tile", "plan.json"] {
         let path = work.join(name);
         let whole = std::fs::read(&path).unwrap();
         let cut = whole[..whole.len() / 2].to_vec();
