@@ -211,7 +211,8 @@ impl OutputFolder {
         let path = self.root.join(name);
         let folder = name.split_inclusive('/').next().unwrap_or_default();
         let is_in_folder = self.listed.contains(folder) && folder != name;
-        if !self.listed.contains(name) && !(is_in_folder && is_numbered(&path, &NUMBERED)) {
+        let is_known = is_in_folder && is_numbered(&path, &NUMBERED);
+        if !is_known && !self.listed.contains(name) {
             if !is_in_folder && path.symlink_metadata().is_ok() {
                 return Err(OutputError::ForeignFile(path));
             }
