@@ -272,7 +272,7 @@ fn by_head(file: &TextFile, rows: &[TextLine]) -> Option<Columns> {
         .trim_start_matches(['#', '%'])
         .to_ascii_lowercase()
         .split([',', ' ', '\t', ';'])
-        .map(|name| name.trim().trim_matches('"').replace('/', "."))
+        .map(|name| name.trim().trim_matches(['"', '_']).replace('/', "."))
         .filter(|name| !name.is_empty() && !name.starts_with(['[', '(']))
         .collect();
     let count = fields(rows.first()?).len();
