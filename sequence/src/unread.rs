@@ -162,6 +162,9 @@ pub(super) fn find(folder: &Folder, sequence: &Sequence, given: GivenRoles) -> V
         .collect()
 }
 
+/// The list of what this program wrote to a folder: its trajectories are results of the recording.
+const OWN_RESULTS: &str = ".linecarve-files";
+
 /// The first trajectory in a folder of the folder, by its name.
 fn trajectory_below(folder: &Folder, used: &BTreeSet<String>) -> Option<String> {
     let is_looked_into = |name: &&String| !folder.is_claimed(name) && !used.contains(name.as_str());
@@ -171,6 +174,9 @@ fn trajectory_below(folder: &Folder, used: &BTreeSet<String>) -> Option<String> 
         .filter(is_looked_into)
         .find_map(|name| {
             let inside = Folder::list(&folder.path().join(name)).ok()?;
+            if inside.names().iter().any(|file| file == OWN_RESULTS) {
+                return None;
+            }
             let is_trajectory = |file: &&String| {
                 role_of_file(&file.to_ascii_lowercase()) == Some(FileRole::Poses)
                     && poses::is_trajectory(&inside.path().join(file))

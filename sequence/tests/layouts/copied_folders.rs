@@ -275,6 +275,15 @@ fn poses_in_other_files_and_depth_beside_images_are_not_passed_over() {
         std::fs::remove_dir_all(root.join("slam/depth")).unwrap();
     });
     assert_eq!(below, ("slam/groundtruth.txt".to_owned(), FileRole::Poses));
+    // Results of an earlier run are no input.
+    let folder = folder_with(|root| {
+        write_plain(root);
+        std::fs::remove_file(root.join("poses.txt")).unwrap();
+        write_tum(&root.join("out"), 4);
+        std::fs::write(root.join("out/.linecarve-files"), "trajectory.txt\n").unwrap();
+    });
+    let sequence = Sequence::open_without_poses(folder.path(), &OpenOptions::default()).unwrap();
+    assert_eq!(sequence.unread_files(), []);
     let beside = unread(&|root| {
         for i in 0..3 {
             let (from, to) = (format!("rgb/{i}.png"), format!("rgb/{i}.jpg"));
