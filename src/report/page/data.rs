@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::element_history::Lifetime;
 use super::encode::{Base64, Positions, push_number};
-use super::history::SurfaceHistory;
+use super::history::{SurfaceHistory, ranks};
 use super::images::KeyframeImage;
 use super::texture::PageTexture;
 use linecarve_mesh::render::View;
@@ -375,16 +375,8 @@ fn increments(until: &[u32]) -> Vec<u32> {
 /// relative to the first, and the number of states, 0 for unlimited.
 fn triangles_of(history: &SurfaceHistory) -> (Positions, TrianglesData) {
     let records = history.triangles.records();
-    let mut used = vec![false; history.positions().len()];
-    for corner in records.iter().flat_map(|(corners, _)| corners) {
-        used[*corner as usize] = true;
-    }
-    let mut rank = Vec::with_capacity(used.len());
-    let mut count = 0;
-    for used in &used {
-        rank.push(count);
-        count += u32::from(*used);
-    }
+    let used = history.used_vertices();
+    let rank = ranks(&used);
     let mut data = Vec::with_capacity(8 * records.len());
     let (mut state, mut last) = (0, 0);
     for (corners, lifetime) in records {

@@ -248,6 +248,34 @@ impl SurfaceHistory {
         }
     }
 
+    /// Drops the vertices of no triangle of any state. Those of the surface stay: further triangles may have them.
+    fn drop_unused_vertices(&mut self) {
+        let mut used = self.used_vertices();
+        for id in &self.ids {
+            if let Some(used) = used.get_mut(*id as usize) {
+                *used = true;
+            }
+        }
+        let ranks = ranks(&used);
+        let mut is_used = used.iter();
+        self.positions
+            .retain(|_| is_used.next().copied().unwrap_or(true));
+        self.positions.shrink_to_fit();
+        self.triangles.renumber(&ranks);
+        for id in &mut self.ids {
+            *id = ranks.get(*id as usize).copied().unwrap_or(0);
+        }
+    }
+
+    /// Whether a triangle of any state has each vertex.
+    pub(super) fn used_vertices(&self) -> Vec<bool> {
+        let mut used = vec![false; self.positions.len()];
+        for corner in self.triangles().flatten() {
+            used[corner as usize] = true;
+        }
+        used
+    }
+
     /// Memory of what changed, in bytes.
     fn memory(&self) -> usize {
         self.triangles.memory()
@@ -258,6 +286,7 @@ impl SurfaceHistory {
 
     fn thin(&mut self) {
         self.triangles.thin();
+        self.drop_unused_vertices();
         self.clusters.thin();
         self.points.thin();
         let every_second = |list: &[u32]| list.chunks_exact(2).map(|pair| pair[1]).collect();
@@ -266,6 +295,17 @@ impl SurfaceHistory {
         self.vertex_counts = every_second(&self.vertex_counts);
         self.stride = 2 * self.stride.max(1);
     }
+}
+
+/// The numbers of elements when those that are not used are dropped.
+pub(super) fn ranks(used: &[bool]) -> Vec<u32> {
+    let mut count = 0;
+    let rank = |used: &bool| {
+        let rank = count;
+        count += u32::from(*used);
+        rank
+    };
+    used.iter().map(rank).collect()
 }
 
 /// The rotation of a triangle with its smallest corner first.

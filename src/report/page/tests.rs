@@ -96,6 +96,30 @@ proptest! {
 }
 
 #[test]
+fn vertices_of_dropped_states_go_with_them() {
+    let limits = HistoryLimits {
+        states: 4,
+        memory: usize::MAX,
+    };
+    let mut history = SurfaceHistory::new(limits);
+    let mut surface = TestSurface::default();
+    for number in 0..64 {
+        // Vertex 4 is elsewhere each time.
+        note(&mut history, &mut surface, &[[0, 1, 4]], number);
+        if history.advance() {
+            history.record(number, |v| surface.position(v), 3, NOTHING);
+        }
+    }
+    assert!(history.keyframes().len() <= 4);
+    // The two that stay, and one for each state.
+    assert!(
+        history.positions().len() <= 6,
+        "{}",
+        history.positions().len()
+    );
+}
+
+#[test]
 fn an_unchanged_surface_needs_no_memory() {
     let mut history = SurfaceHistory::new(HistoryLimits::default());
     let mut surface = TestSurface::default();

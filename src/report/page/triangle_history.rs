@@ -75,6 +75,13 @@ impl TriangleHistory {
         self.states /= 2;
     }
 
+    /// Gives each vertex of the page another number, in the same order.
+    pub(super) fn renumber(&mut self, numbers: &[u32]) {
+        for (ids, _) in &mut self.records {
+            *ids = ids.map(|id| numbers[id as usize]);
+        }
+    }
+
     /// All lifetimes, sorted by first state, then by triangle.
     pub(super) fn records(&self) -> &[([u32; 3], Lifetime)] {
         &self.records
