@@ -67,5 +67,5 @@ pub use trajectory_comparison::{
     ComparisonError, PositionError, RelativeError, TimedPoses, TrajectoryAlignment,
     TrajectoryComparison,
 };
-pub use unread::{FileRole, UnreadFile};
+pub use unread::{FileRole, RESULTS_FILE, UnreadFile};
 pub use warning::Warning;

@@ -7,8 +7,7 @@ use serde::Serialize;
 
 use super::layout::{Folder, IMAGE_EXTENSIONS, image_stem};
 use super::sidecar::SIDECAR_FILE;
-use super::{Sequence, Warning, container, foreign};
-use super::{image_file, poses};
+use super::{Sequence, Warning, container, foreign, image_file, poses};
 
 /// What a file says about a sequence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -162,8 +161,8 @@ pub(super) fn find(folder: &Folder, sequence: &Sequence, given: GivenRoles) -> V
         .collect()
 }
 
-/// The list of what this program wrote to a folder: its trajectories are results of the recording.
-const OWN_RESULTS: &str = ".linecarve-files";
+/// Name of the list of what `linecarve` wrote to a folder: trajectories there are results, not inputs.
+pub const RESULTS_FILE: &str = ".linecarve-files";
 
 /// The first trajectory in a folder of the folder, by its name.
 fn trajectory_below(folder: &Folder, used: &BTreeSet<String>) -> Option<String> {
@@ -174,7 +173,7 @@ fn trajectory_below(folder: &Folder, used: &BTreeSet<String>) -> Option<String> 
         .filter(is_looked_into)
         .find_map(|name| {
             let inside = Folder::list(&folder.path().join(name)).ok()?;
-            if inside.names().iter().any(|file| file == OWN_RESULTS) {
+            if inside.names().iter().any(|file| file == RESULTS_FILE) {
                 return None;
             }
             let is_trajectory = |file: &&String| {
@@ -220,7 +219,8 @@ fn speaks_of_poses(path: &Path, lower: &str) -> bool {
     if lower.ends_with(".npz") {
         return container::names(path).is_ok_and(|names| {
             let is_pose = |name: &String| WORDS.iter().any(|word| name.contains(word));
-            names.iter().any(is_pose)
+            // Results of a model have both: what is missed then is their depth.
+            names.iter().any(is_pose) && !names.iter().any(|name| name.contains("depth"))
         });
     }
     let is_small =

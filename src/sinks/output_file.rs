@@ -69,34 +69,30 @@ pub(crate) fn check_outputs(
     inputs: &[&Path],
 ) -> Result<(), OutputFileError> {
     for (index, &(option, file)) in outputs.iter().enumerate() {
-        let file = || file.to_owned();
-        if file().is_dir() {
-            let file = file();
+        if file.is_dir() {
+            let file = file.to_owned();
             return Err(OutputFileError::Folder { option, file });
         }
-        let Some(real) = real_path(&file()) else {
-            let folder = folder_of(&file()).to_owned();
-            let file = file();
+        let Some(real) = real_path(file) else {
             return Err(OutputFileError::NoFolder {
                 option,
-                file,
-                folder,
+                file: file.to_owned(),
+                folder: folder_of(file).to_owned(),
             });
         };
         let is_this = |other: &Path| real_path(other).is_some_and(|other| other == real);
         if let Some(input) = inputs.iter().find(|input| is_this(input)) {
             return Err(OutputFileError::Input {
                 option,
-                file: file(),
+                file: file.to_owned(),
                 input: (*input).to_owned(),
             });
         }
         let mut before = outputs[..index].iter();
         if let Some(&(other, _)) = before.find(|(_, other)| is_this(other)) {
-            let file = file();
             return Err(OutputFileError::Twice {
                 option,
-                file,
+                file: file.to_owned(),
                 other,
             });
         }

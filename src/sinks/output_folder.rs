@@ -14,7 +14,7 @@ use linecarve_mesh::files::remove_unfinished;
 use stale::remove_numbered;
 
 /// Name of the list.
-pub(super) const LIST: &str = ".linecarve-files";
+pub(super) const LIST: &str = linecarve_sequence::RESULTS_FILE;
 /// First line of the list.
 const LIST_HEAD: &str = "# Written here by linecarve, which replaces and removes nothing else.\n";
 /// Longest list that is read, in bytes.
