@@ -76,10 +76,15 @@ pub(super) fn image_size(path: &Path) -> Result<ImageSize, FrameError> {
 /// read. Pixels are always read as they are stored.
 pub(super) fn orientation(path: &Path) -> Option<Orientation> {
     let bytes = read_once(path).ok()?;
-    let format = image::guess_format(&bytes).ok()?;
-    let reader = ImageReader::with_format(Cursor::new(bytes.as_slice()), format);
-    let found = reader.into_decoder().ok()?.orientation().ok()?;
+    let found = decoder(&bytes)?.orientation().ok()?;
     (found != Orientation::NoTransforms).then_some(found)
+}
+
+/// A decoder that has read the header of an image.
+fn decoder(bytes: &[u8]) -> Option<impl ImageDecoder + '_> {
+    let format = image::guess_format(bytes).ok()?;
+    let reader = ImageReader::with_format(Cursor::new(bytes), format);
+    reader.into_decoder().ok()
 }
 
 /// Whether an image has the kind of values of depth: 16 bits in one channel, or an array or map of floating-point values.
@@ -88,15 +93,8 @@ pub(super) fn is_like_depth(path: &Path) -> bool {
     if extension.is_some_and(|end| ["npy", "exr", "pfm"].contains(&end)) {
         return true;
     }
-    let Ok(bytes) = read_once(path) else {
-        return false;
-    };
-    let Ok(format) = image::guess_format(&bytes) else {
-        return false;
-    };
-    let reader = ImageReader::with_format(Cursor::new(bytes.as_slice()), format);
-    let decoder = reader.into_decoder();
-    decoder.is_ok_and(|decoder| decoder.color_type() == ColorType::L16)
+    let bytes = read_once(path).unwrap_or_default();
+    decoder(&bytes).is_some_and(|decoder| decoder.color_type() == ColorType::L16)
 }
 
 /// Whether an orientation exchanges width and height.

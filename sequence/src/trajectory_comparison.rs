@@ -280,7 +280,7 @@ impl TimedPoses {
         pairs.collect()
     }
 
-    /// The same with times in another unit; none of those that do not fit.
+    /// The same with times in another unit. Times out of range are left out.
     fn with_time(&self, [times, over]: [i64; 2]) -> Self {
         let changed = |stamp: i64| {
             let stamp = i128::from(stamp) * i128::from(times) / i128::from(over);
@@ -299,8 +299,8 @@ impl TimedPoses {
         }
     }
 
-    /// Errors of these poses against a reference. Each pose is compared with the nearest in time, within 20 ms. If most poses have none, times in
-    /// other units are tried.
+    /// Errors of these poses against a reference. Each pose is compared with the nearest in time, within 20 ms. If most poses have none, other
+    /// units of time are tried.
     ///
     /// # Errors
     /// If fewer than three poses are associated, or the positions determine no alignment.

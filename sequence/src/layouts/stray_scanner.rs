@@ -108,7 +108,7 @@ fn video_first(folder: &Folder) -> SequenceError {
     }
 }
 
-/// Whether the pictures have the numbers that a decoder gives by default, from 1: the first frame has none, and the last has one more.
+/// Whether the pictures have the numbers that a decoder gives by default, from 1: that of the last lies beyond the last frame.
 fn are_counted_from_one(pictures: &[RecordedFrame], rows: &BTreeMap<u64, Row>) -> bool {
     let numbers = || {
         pictures

@@ -114,7 +114,7 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
     };
     let [mut missing, mut not_rigid, mut without_depth] =
         std::array::from_fn(|_| WarningCounter::default());
-    let mut files = FramesOfFiles::new(folder.path());
+    let mut files = FrameFiles::new(folder.path());
     let mut cameras: Vec<CalibratedCamera> = Vec::new();
     let mut uses: Vec<usize> = Vec::new();
     let mut frames = Vec::new();
@@ -230,12 +230,12 @@ fn read(folder: &Folder, path: &Path, file: &File) -> Result<Recording, Sequence
 }
 
 /// The files that frames name. Two frames that are found at one file by a part of their paths are refused: it belongs to one of them.
-struct FramesOfFiles<'a> {
+struct FrameFiles<'a> {
     files: NamedFiles<'a>,
     shortened: HashMap<PathBuf, usize>,
 }
 
-impl<'a> FramesOfFiles<'a> {
+impl<'a> FrameFiles<'a> {
     fn new(folder: &'a Path) -> Self {
         Self {
             files: NamedFiles::new(folder, &IMAGE_EXTENSIONS),

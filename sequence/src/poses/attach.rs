@@ -69,8 +69,9 @@ pub(in super::super) fn attach_file(
 ///
 /// Stamped poses are associated one-to-one with the nearest frames within 0.02 s. If that leaves most frames without a
 /// pose, other units of the stamps are tried, and the unit that associates the most is used. If frames have numbers but
-/// no times, integer stamps count as numbers, if each image has one or each line is that of an image; otherwise poses are assigned in order. If some images have no pose of their number, but
-/// there are as many poses as images, they are assigned in order and the join by number is returned as well.
+/// no times, integer stamps count as numbers, if each image has a pose of its number or each pose has the number of an
+/// image; otherwise poses are assigned in order. If some images have no pose of their number, but there are as many poses
+/// as images, they are assigned in order and the join by number is returned as well.
 ///
 /// # Errors
 /// If no frame gets a pose, or poses assigned in order and frames differ in number.

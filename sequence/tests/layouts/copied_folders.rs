@@ -45,7 +45,7 @@ fn files_are_found_by_the_names_that_they_had_on_another_machine() {
     let names: [Names; 4] = [
         |i| [format!("images/{i}.png"), format!("depth/{i}.png")],
         |i| {
-            let root = "/home/me/room";
+            let root = "/scans/room";
             [
                 format!("{root}/images/{i}.png"),
                 format!("{root}/depth/{i}.png"),
