@@ -103,8 +103,8 @@ pub fn open_with_or_without_poses(
         Err(error) if may_lack_poses(options, &error) => {
             match open_with_assumed_focal(path, options) {
                 Ok(sequence) => Ok((sequence, Some(no_poses(&error)))),
-                Err(second) if lacks_images(&second) => Err(error),
-                Err(second) => Err(second),
+                Err(without_poses) if lacks_images(&without_poses) => Err(error),
+                Err(without_poses) => Err(without_poses),
             }
         }
         Err(error) => Err(error),

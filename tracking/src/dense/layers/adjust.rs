@@ -64,6 +64,12 @@ const FIRST_SIGMAS: [f64; 4] = [0.1, 0.05, 0.2, 0.1];
 /// Standard deviations do not adapt to less than this share of the first ones.
 const SMALLEST_SHARE: f64 = 0.01;
 
+/// Models that begin where scales alone ended.
+const SHIFTS: &[LayerModel] = &[
+    LayerModel::ScalesAndShifts,
+    LayerModel::ScalesAndInverseShifts,
+];
+
 impl LayerModel {
     fn is_free(self, are_poses_free: bool) -> [bool; UNKNOWNS] {
         let (scale, inverse_shift, shift) = match self {
@@ -109,10 +115,6 @@ pub fn align_layers(layers: &[DepthLayer]) -> LayerAlignment {
         are_poses_free: false,
     };
     let (mut best, mut least_motion) = (before, f64::INFINITY);
-    const SHIFTS: &[LayerModel] = &[
-        LayerModel::ScalesAndShifts,
-        LayerModel::ScalesAndInverseShifts,
-    ];
     for (are_poses_free, models, steps) in [
         (false, &[LayerModel::Scales][..], STEPS[0]),
         (false, SHIFTS, STEPS[1]),
